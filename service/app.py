@@ -1,4 +1,4 @@
-"""The HTTP service as an ASGI application."""
+"""The HTTP service as an ASGI application: `create_app` builds it, and `python -m service.app` prints its OpenAPI."""
 
 import asyncio
 import json
@@ -12,10 +12,10 @@ from starlette.staticfiles import StaticFiles
 
 from cell.control.cell import Cell
 from service.api.dependencies import Context
-from service.api.image_cache import Pictures
-from service.api.openapi import describe_better, operation_id
+from service.api.image_cache import ImageCache
+from service.api.openapi import operation_id, refine_openapi
 from service.api.problem_handlers import install_problem_handlers
-from service.api.response_cache import Reading
+from service.api.response_cache import ResponseCache
 from service.api.routes import (
     calibration,
     cell,
@@ -32,20 +32,20 @@ from service.api.routes import (
 )
 from service.api.routes import metrics as metrics_route
 from service.api.schemas.addresses import RECORDINGS
-from service.api.stop_priority import StopFirst
-from service.api.strict_query import refuse_unknown
+from service.api.stop_priority import StopPriority
+from service.api.strict_query import reject_unknown_parameters
 from service.config.loader import ServiceConfig, load_config
 from service.events.cell_events import publish_changes
 from service.events.stream_slots import StreamSlots
 from service.jobs.manager import Jobs
 from service.metrics.registry import Metrics
-from service.metrics.requests import RequestWatch
+from service.metrics.requests import AccessLogMiddleware
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StateMetrics
 from service.security.audit.log import SERVICE, AuditLog
 from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES, MANUAL
 from service.security.middleware.install import install_security
-from service.server.event_loop_watchdog import LoopWatch
+from service.server.event_loop_watchdog import EventLoopWatchdog
 from service.storage.data_folder import DataFolder
 from service.storage.fault_memory import FaultMemory
 from service.storage.idempotency_keys import IdempotencyKeys
@@ -53,40 +53,40 @@ from service.storage.retention import Retention
 from service.storage.store import Store
 
 API_VERSION = "1"
+"""Version of the HTTP API."""
 
 DESCRIPTION = """Strings, cables and ropes as ordered 3D point chains.
 
 Start a live scan by the cell, or upload a recording and start a scan of it; follow the scan until its state is final,
 and fetch its model.
 Metres, radians and seconds everywhere. Errors are `application/problem+json` (RFC 9457); decide on their
-`type`. A request that is as described here is never refused as `invalid-request`; it can be for what it refers to.
+`type`. A request that matches this description is never refused as `invalid-request`; it can still be refused for what
+it refers to.
 """
 
-
-STOPS = 100
-"""So many stops and cancels are seen to at the same time; each may wait some seconds for its scan's end."""
+MAX_CONCURRENT_STOPS = 100
+"""Maximum number of stops and cancels at the same time. Each may wait some seconds for the end of its scan."""
 
 
 def create_app(config: ServiceConfig) -> FastAPI:
-    """The application; the data folder and the recognition process are taken when it starts, not here."""
-
+    """Create the application. Its start, not this call, opens the data folder and starts the recognition process."""
     metrics, audit = Metrics(), AuditLog()
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         app.state.context = context = await to_thread.run_sync(_open, config, metrics.scans, audit)
         jobs, streams = context.jobs, context.streams
-        metrics.watch(
+        metrics.register(
             StateMetrics(context.cell, context.store.folder, lambda: jobs.recognition_starts, lambda: streams.open)
         )
         audit.start(context.store.folder.database, lambda: context.cell.status.state)
-        audit.note(SERVICE, "start")
-        watch = LoopWatch(asyncio.get_running_loop(), jobs.stop_unattended)
+        audit.add(SERVICE, "start")
+        watchdog = EventLoopWatchdog(asyncio.get_running_loop(), jobs.stop_unattended)
         try:
             yield
         finally:
-            watch.close()
-            # A thread of its own: requests that were given up may still hold all others.
+            watchdog.close()
+            # its own thread, because cancelled requests may still hold all others
             await to_thread.run_sync(_close, context, audit, limiter=CapacityLimiter(1))
 
     app = FastAPI(
@@ -94,21 +94,21 @@ def create_app(config: ServiceConfig) -> FastAPI:
         version=API_VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
-        dependencies=[Depends(refuse_unknown)],
-        openapi_url=None,  # description and page are ours, the page's files are a library's
+        dependencies=[Depends(reject_unknown_parameters)],
+        openapi_url=None,  # the routes in `docs` serve the description and its page
         generate_unique_id_function=operation_id,
     )
     app.mount(CONSOLE_FILES, console.FILES)
     app.mount(MANUAL, manual.FILES)
     app.mount(DOCS_FILES, StaticFiles(packages=[("fastapi_offline", "static")]))
     app.state.audit = audit
-    describe_better(app)
-    app.add_middleware(StopFirst)  # inside the gate: who may not stop anything holds nobody up
+    refine_openapi(app)
+    app.add_middleware(StopPriority)  # inside the security layer: unauthorised stops delay no other request
     install_security(app, config, audit, upload_path=RECORDINGS)
     app.state.metrics = metrics
-    app.add_middleware(RequestWatch, metrics=metrics.requests)  # added last, it is outside of all others
+    app.add_middleware(AccessLogMiddleware, metrics=metrics.requests)  # added last, so it is the outermost
     install_problem_handlers(app)
-    # In this order they are looked for: what is asked for most comes first.
+    # Starlette matches routes in this order, so the most frequent ones come first.
     for resource in (scans, cell, results, views, recordings, calibration, events, session, health, metrics_route):
         app.include_router(resource.router)
     for page in (console, docs, manual):
@@ -117,52 +117,52 @@ def create_app(config: ServiceConfig) -> FastAPI:
 
 
 def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Context:
-    with ExitStack() as if_it_fails:
+    with ExitStack() as cleanup:
         folder = DataFolder(config.data_dir)
-        if_it_fails.callback(folder.close)
+        cleanup.callback(folder.close)
         store = Store(folder)
-        if_it_fails.callback(store.close)
-        own = Cell(config.cell)
-        if_it_fails.callback(own.close)
-        publish_changes(own, store.events.hub)
-        # Before anything starts a process: while OpenCV is loaded, its own folder is where a child would look first.
-        pictures = Pictures()
-        fault = FaultMemory(store.database, own, lambda slug: audit.note(SERVICE, "fault", result=slug))
-        if_it_fails.callback(fault.close)
-        jobs = Jobs(store, own, config.limits.recognition_s, config.gripper.value, metrics)
-        if_it_fails.callback(jobs.close)
+        cleanup.callback(store.close)
+        robot_cell = Cell(config.cell)
+        cleanup.callback(robot_cell.close)
+        publish_changes(robot_cell, store.events.hub)
+        # before any process starts: while OpenCV is loaded, its folder comes first in the search path of a child
+        image_cache = ImageCache()
+        fault = FaultMemory(store.database, robot_cell, lambda slug: audit.add(SERVICE, "fault", result=slug))
+        cleanup.callback(fault.close)
+        jobs = Jobs(store, robot_cell, config.limits.recognition_s, config.gripper.value, metrics)
+        cleanup.callback(jobs.close)
         retention = Retention(store, config.retention, lambda: jobs.idle)
-        if_it_fails.pop_all()
+        cleanup.pop_all()
     return Context(
         config,
         store,
-        own,
+        robot_cell,
         jobs,
         parsing=CapacityLimiter(1),
-        uploads=CapacityLimiter(recordings.UPLOADS),
+        uploads=CapacityLimiter(recordings.MAX_UPLOADS),
         planning=CapacityLimiter(1),
-        stopping=CapacityLimiter(STOPS),
-        pictures=pictures,
+        stopping=CapacityLimiter(MAX_CONCURRENT_STOPS),
+        image_cache=image_cache,
         keys=IdempotencyKeys(store),
         retention=retention,
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),
-        reading=Reading(store.database),
+        response_cache=ResponseCache(store.database),
         fault=fault,
     )
 
 
 def _close(context: Context, audit: AuditLog) -> None:
-    """Closes all, the last to be opened first; what one of them raises keeps none of the others open."""
-    with ExitStack() as opened:
-        for part in (context.store.folder, context.store, context.reading, audit):
-            opened.callback(part.close)
-        opened.callback(audit.note, SERVICE, "end")
+    """Close all parts in reverse order of opening. An error of one part leaves no other part open."""
+    with ExitStack() as closing:
+        for part in (context.store.folder, context.store, context.response_cache, audit):
+            closing.callback(part.close)
+        closing.callback(audit.add, SERVICE, "end")
         for part in (context.fault, context.cell, context.jobs, context.retention):
-            opened.callback(part.close)
+            closing.callback(part.close)
 
 
 def openapi_document() -> str:
-    """The description of the API, as committed in openapi.json."""
+    """Return the OpenAPI description of the API, as committed in `service/openapi.json`."""
     return json.dumps(create_app(load_config()).openapi(), indent=2) + "\n"
 
 

@@ -1,46 +1,50 @@
-"""The wall clock: the one place where the service reads it, and whether it can be believed.
+"""The wall clock: the only place where the service reads it, and a detector of steps.
 
-It may be set at any moment, by a day or by years. Nothing is timed by it, ids rise whatever it says, and what is to be
-decided by an age waits until it has kept pace with the monotonic clock for a while.
+The wall clock may be set at any moment, by a day or by years. No duration is measured with it, and ids rise whatever it
+says. A decision that depends on an age waits until the wall clock has agreed with the monotonic clock for a while.
 """
 
 import time
 from datetime import UTC, datetime, timedelta
 
-STEP_S = 60.0
-"""Between two looks it may lose or gain so much; more means that it was set."""
+MIN_STEP_S = 60.0
+"""Change of the offset between wall clock and monotonic clock beyond which the wall clock was set."""
 
 
-def present() -> datetime:
-    """The present moment, as far as the machine knows it, in UTC."""
+def utc_now() -> datetime:
+    """Return the wall clock time in UTC."""
     return datetime.now(UTC)
 
 
-def stamp(moment: datetime, *, up: bool = False) -> str:
-    """A moment as it is written everywhere, so that the texts compare as the moments do: RFC 3339 in UTC, cut to the
-    millisecond, or rounded `up` to the next one."""
+def format_utc(moment: datetime, *, up: bool = False) -> str:
+    """Return a time as RFC 3339 text in UTC with milliseconds. Such texts sort like the times.
+
+    Args:
+        moment: A time with a time zone.
+        up: Round up to the next millisecond; otherwise the time is truncated to the millisecond.
+    """
     moment = moment.astimezone(UTC)
     if up and moment.microsecond % 1000:
         moment += timedelta(milliseconds=1)
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-class Steadiness:
-    """For how long the wall clock has not been set. Belongs to one thread, which looks now and then."""
+class ClockStepDetector:
+    """Detects when the wall clock is set, by comparison with the monotonic clock. For one thread, which polls it."""
 
     def __init__(self) -> None:
-        self._began_s = time.monotonic()
-        self._ahead_s = self._ahead()
+        self._steady_since_s = time.monotonic()
+        self._offset_s = self._read_offset()
 
-    def seconds(self) -> float:
-        """Since the first look, or since the clock was last found to be set."""
-        ahead = self._ahead()
-        if abs(ahead - self._ahead_s) > STEP_S:
-            self._began_s = time.monotonic()
-        self._ahead_s = ahead
-        return time.monotonic() - self._began_s
+    def seconds_since_step(self) -> float:
+        """Return the seconds since the first reading, or since the last reading that found a step."""
+        offset_s = self._read_offset()
+        if abs(offset_s - self._offset_s) > MIN_STEP_S:
+            self._steady_since_s = time.monotonic()
+        self._offset_s = offset_s
+        return time.monotonic() - self._steady_since_s
 
     @staticmethod
-    def _ahead() -> float:
-        """Of the monotonic clock."""
-        return present().timestamp() - time.monotonic()
+    def _read_offset() -> float:
+        """Return the wall clock minus the monotonic clock, seconds."""
+        return utc_now().timestamp() - time.monotonic()

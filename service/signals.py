@@ -1,4 +1,4 @@
-"""What a command does when it is told to end while the arm may move."""
+"""Handling of SIGINT and SIGTERM in commands, among them those that move the arm."""
 
 import asyncio
 import signal
@@ -9,36 +9,40 @@ from multiprocessing import resource_tracker
 from types import FrameType
 from typing import TypeVar
 
-STOPPED_CODE = 130
-"""Exit code, as a shell has it for what Ctrl-C ended."""
+INTERRUPTED_EXIT_CODE = 130
+"""Exit code that shells use for a program ended by Ctrl-C."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 Result = TypeVar("Result")
 
 
-def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> Result:
-    """What `work` gives, in a thread of its own; at the first SIGINT or SIGTERM the main thread does `at_signal`.
+def run_with_signal_handler(work: Callable[[], Result], on_signal: Callable[[], None]) -> Result:
+    """Run `work` in its own thread, and call `on_signal` in the main thread at the first SIGINT or SIGTERM.
 
-    Also where a shell script ignores SIGINT for what runs in the background, and where the parent has blocked them.
-    Further signals do nothing: `work` ends in its own time.
+    This also works in a background job of a shell script, where SIGINT is ignored, and if the parent process has
+    blocked the signals. Further signals do nothing, unless `on_signal` raised: then the next one calls it again. `work`
+    ends in its own time.
+
+    Returns:
+        The result of `work`.
     """
 
     async def wait() -> Result:
-        # An event loop, and not a future's result(): while other threads work and start processes, the system hands
-        # some of the signals to one of them (7 of 100 on a busy machine), and a main thread that waits for a lock
-        # does not learn of it. The loop is woken by a pipe.
+        # An event loop, not a future's result(): while other threads work and start processes, the system delivers
+        # some signals to one of them (7 of 100 on a busy machine), and a main thread that waits for a lock does not
+        # wake up. A pipe wakes the loop.
         loop = asyncio.get_running_loop()
-        told = False
+        handled = False
 
-        def once() -> None:
-            nonlocal told
-            if not told:
-                at_signal()
-                told = True  # one that failed is tried again by the next signal
+        def handle_once() -> None:
+            nonlocal handled
+            if not handled:
+                on_signal()
+                handled = True  # not reached if `on_signal` raises, so that the next signal calls it again
 
         signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         for number in SIGNALS:
-            loop.add_signal_handler(number, once)
+            loop.add_signal_handler(number, handle_once)
         return await loop.run_in_executor(pool, work)
 
     with ThreadPoolExecutor(1) as pool:
@@ -46,10 +50,13 @@ def with_signals(work: Callable[[], Result], at_signal: Callable[[], None]) -> R
 
 
 @contextmanager
-def ctrl_c_is_ours() -> Iterator[None]:
-    """Processes that are started in the block by this thread do not hear of Ctrl-C, which reaches all processes of a
-    terminal: this one ends them. Not even while they import, before they could see to it themselves."""
-    resource_tracker.ensure_running()  # started with the first process, it would have the thread hear of it again
+def block_sigint_for_children() -> Iterator[None]:
+    """Start the processes of the block with SIGINT blocked. For the thread that starts them.
+
+    Ctrl-C reaches all processes of a terminal, but this process ends its children itself. The signal is blocked from
+    the start, because a process could not handle it while it imports its modules.
+    """
+    resource_tracker.ensure_running()  # if it started with the first process, it would unblock SIGINT in this thread
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -58,17 +65,21 @@ def ctrl_c_is_ours() -> Iterator[None]:
 
 
 @contextmanager
-def ctrl_c_later() -> Iterator[None]:
-    """Ctrl-C takes effect behind the block, for what cannot be broken off. For the main thread."""
-    pressed: list[int] = []
+def defer_sigint() -> Iterator[None]:
+    """Defer Ctrl-C to the end of the block, for work that cannot be interrupted. For the main thread.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed during the block.
+    """
+    received: list[int] = []
 
     def note(number: int, _: FrameType | None) -> None:
-        pressed.append(number)
+        received.append(number)
 
     before = signal.signal(signal.SIGINT, note)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if pressed:
+    if received:
         raise KeyboardInterrupt

@@ -1,1 +1,1 @@
-"""The HTTP API: routes, their schemas, and what answers of all routes share."""
+"""The HTTP API: routes, their schemas, and the parts that all routes share."""

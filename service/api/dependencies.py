@@ -1,4 +1,4 @@
-"""What the routes work with, made when the service starts."""
+"""Dependencies of the routes: the parts of the running service, and parameters that several routes share."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -7,8 +7,8 @@ from anyio import CapacityLimiter
 from fastapi import Depends, Path, Query, Request
 
 from cell.control.cell import Cell
-from service.api.image_cache import Pictures
-from service.api.response_cache import Reading
+from service.api.image_cache import ImageCache
+from service.api.response_cache import ResponseCache
 from service.config.loader import ServiceConfig
 from service.events.stream_slots import StreamSlots
 from service.jobs.manager import Jobs
@@ -24,33 +24,36 @@ from service.storage.store import Store
 
 @dataclass(frozen=True)
 class Context:
-    """One running service."""
+    """The parts of one running service, made when it starts."""
 
     config: ServiceConfig
     store: Store
     cell: Cell
     jobs: Jobs
     parsing: CapacityLimiter
-    """Uploads are parsed one after the other: each may take much memory."""
+    """Limits the parsing of uploads to one at a time, because each may take much memory."""
     uploads: CapacityLimiter
-    """Few are under way at a time: each takes space until it is parsed."""
+    """Limits the number of concurrent uploads, because each takes space until it is parsed."""
     planning: CapacityLimiter
-    """Viewpoints are planned one after the other: each takes the interpreter for seconds, and a stop needs it too."""
+    """Limits planning to one at a time, because it holds the interpreter for seconds, and a stop needs it too."""
     stopping: CapacityLimiter
-    """The threads of stops and cancels. Those of all other requests may all be waiting for a robot that does not
-    answer, and a stop would wait for them."""
-    pictures: Pictures
-    """That are made when somebody looks at them."""
+    """Threads of stops and cancels. All other threads may be waiting for a robot that does not answer."""
+    image_cache: ImageCache
+    """Images that are drawn on request."""
     keys: IdempotencyKeys
     retention: Retention
     streams: StreamSlots
-    """Of those who follow events."""
-    reading: Reading
-    """Of what is asked for most."""
+    """Slots of the open event streams."""
+    response_cache: ResponseCache
+    """The most frequent responses."""
     fault: FaultMemory
 
     def require_space(self, coming_bytes: int = 0) -> None:
-        """Lets pass what takes space in the data folder. Raises ProblemError, `storage-full`; may block."""
+        """Check that the data folder has space for `coming_bytes` more. May block.
+
+        Raises:
+            ProblemError: `storage-full`: The space is less than the configured reserve plus `coming_bytes`.
+        """
         require_space(self.store.folder.root, self.config.limits.min_free_bytes, coming_bytes)
 
 
@@ -65,17 +68,17 @@ def _require_space(service: Service) -> None:
     service.require_space()
 
 
-SPACE = Depends(_require_space)
-"""Of an operation that takes space in the data folder: refused with 507 when there is too little."""
+REQUIRE_SPACE = Depends(_require_space)
+"""Dependency of a route that takes space in the data folder. It answers 507 if there is too little."""
 
 Id = Annotated[str, Path(pattern=ID_PATTERN)]
 
 
 def find_scan(id: Id, service: Service) -> ScanRow:  # noqa: A002 (the path's own name)
-    """The scan of this id; asks the database.
+    """Return the scan with this id from the database.
 
     Raises:
-        ProblemError: `scan-not-found`.
+        ProblemError: `scan-not-found`: There is no such scan.
     """
     scan = service.store.scan(id)
     if scan is None:
@@ -91,10 +94,10 @@ def _recording(id: Id, service: Service) -> RecordingRow:  # noqa: A002 (the pat
 
 
 Scan = Annotated[ScanRow, Depends(find_scan)]
-"""The scan that the address names, or a problem 404."""
+"""The scan that the path names, or a problem with status 404."""
 Recording = Annotated[RecordingRow, Depends(_recording)]
-"""The recording that the address names, or a problem 404."""
+"""The recording that the path names, or a problem with status 404."""
 
-Limit = Annotated[int, Query(ge=1, le=500, description="At most so many")]
-Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Only those made before this one")]
-ViewCount = Annotated[int | None, Query(ge=2, le=32, description="How many viewpoints; the cell's number unless given")]
+Limit = Annotated[int, Query(ge=1, le=500, description="Maximum number of items in the answer")]
+Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Id of an item; only older items are listed")]
+ViewCount = Annotated[int | None, Query(ge=2, le=32, description="Number of viewpoints; default: as configured")]

@@ -1,4 +1,4 @@
-"""Files as answers."""
+"""Responses that send files."""
 
 import os
 import stat
@@ -12,51 +12,58 @@ from starlette.types import Receive, Scope, Send
 from service.api.etags import matches, tag_of_file, tag_of_hash
 from service.problems.problem_error import ProblemError
 
-AT_ONCE_BYTES = 1 << 20
-"""A file up to this is read in one go, by the thread that has looked for it; larger ones piece by piece."""
-NOT_MODIFIED: dict[int | str, dict[str, str]] = {304: {"description": "The client has it already"}}
-"""What an operation with an ETag declares besides."""
+MAX_BUFFERED_BYTES = 1 << 20
+"""Size up to which a file is read at once, by the thread that found it. Larger files are sent in chunks."""
+NOT_MODIFIED: dict[int | str, dict[str, str]] = {304: {"description": "The client has the current version"}}
+"""OpenAPI response of an operation with an ETag, in addition to its others."""
 
 
 async def _if_none_match(
     request: Request,
-    _: Annotated[str | None, Header(alias="If-None-Match", description="ETags of what the client has already")] = None,
+    _: Annotated[
+        str | None, Header(alias="If-None-Match", description="ETags of the versions that the client has")
+    ] = None,
 ) -> str | None:
     return ", ".join(request.headers.getlist("if-none-match")) or None
 
 
 IfNoneMatch = Annotated[str | None, Depends(_if_none_match)]
-"""The request's header, all its lines together."""
+"""The request's header If-None-Match, with all its lines joined."""
 
 
-def present(path: Path, sha256: str | None = None, size_bytes: int | None = None) -> tuple[os.stat_result, str]:
-    """A file that is there, and its ETag: of its hash where that is known.
+def stat_file(path: Path, sha256: str | None = None, size_bytes: int | None = None) -> tuple[os.stat_result, str]:
+    """Return the status of a file that exists, and its ETag.
+
+    Args:
+        path: The file.
+        sha256: Hash of the file, from which the ETag is made. None: the ETag is made from size and modification time.
+        size_bytes: Size that the file was written with. None: not recorded.
 
     Raises:
-        ProblemError: `no-result`, there is no such file; `damaged`, it is gone, or has not the size that it was
-            written with.
+        ProblemError: `no-result`: There is no such file. `damaged`: A file of recorded size is missing, or has another
+            size.
     """
     try:
-        found = path.stat()
+        file_stat = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        found = None
-    if found is None or not stat.S_ISREG(found.st_mode):
+        file_stat = None
+    if file_stat is None or not stat.S_ISREG(file_stat.st_mode):
         if size_bytes is not None:
             raise ProblemError("damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`")
         raise ProblemError("no-result", f"there is no {path.name}")
-    if size_bytes is not None and found.st_size != size_bytes:
+    if size_bytes is not None and file_stat.st_size != size_bytes:
         raise ProblemError(
             "damaged",
-            f"{path.name} has {found.st_size} bytes and was written with {size_bytes}: run `pointchain doctor`",
+            f"{path.name} has {file_stat.st_size} bytes and was written with {size_bytes}: run `pointchain doctor`",
         )
-    return found, tag_of_file(found) if sha256 is None else tag_of_hash(sha256)
+    return file_stat, tag_of_file(file_stat) if sha256 is None else tag_of_hash(sha256)
 
 
-def read_whole(path: Path, size_bytes: int) -> bytes:
-    """The content of a file that had this size a moment ago.
+def read_file(path: Path, size_bytes: int) -> bytes:
+    """Return the content of a file that had this size a moment ago.
 
     Raises:
-        ProblemError: `no-result`, it is gone; `damaged`, it has another size.
+        ProblemError: `no-result`: The file was removed. `damaged`: The file has another size.
     """
     try:
         content = path.read_bytes()
@@ -67,16 +74,24 @@ def read_whole(path: Path, size_bytes: int) -> bytes:
     return content
 
 
-class WholeFile(FileResponse):
-    """A file that is always sent whole: a Range refused by Starlette would not be answered by a problem."""
+class WholeFileResponse(FileResponse):
+    """A file that is always sent whole, because Starlette refuses a bad Range without a problem document."""
 
-    def __init__(self, path: Path, media_type: str, filename: str | None, found: os.stat_result, etag: str) -> None:
-        """`filename` is what a browser saves it as; None shows it instead. `found` and `etag` as `present` has them."""
+    def __init__(self, path: Path, media_type: str, filename: str | None, file_stat: os.stat_result, etag: str) -> None:
+        """Create the response.
+
+        Args:
+            path: The file.
+            media_type: Its media type.
+            filename: Name under which a browser saves the file. None: the browser shows it.
+            file_stat: Status of the file, from `stat_file`.
+            etag: ETag of the file, from `stat_file`.
+        """
         headers = {"accept-ranges": "none", "etag": etag}
-        super().__init__(path, media_type=media_type, filename=filename, headers=headers, stat_result=found)
+        super().__init__(path, media_type=media_type, filename=filename, headers=headers, stat_result=file_stat)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Sends the file as if no Range had been asked for."""
+        """Send the file, and ignore a header Range."""
         headers = [(name, value) for name, value in scope["headers"] if name.lower() != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
 
@@ -90,16 +105,28 @@ def send_file(
     sha256: str | None = None,
     size_bytes: int | None = None,
 ) -> Response:
-    """The answer that sends a file, or says that the client has it. Raises as `present`."""
-    found, etag = present(path, sha256, size_bytes)
+    """Return a response that sends a file, or 304 if the client has it.
+
+    Args:
+        path: The file.
+        media_type: Its media type.
+        if_none_match: The request's header If-None-Match.
+        save_as: Name under which a browser saves the file. None: the browser shows it.
+        sha256: As for `stat_file`.
+        size_bytes: As for `stat_file`.
+
+    Raises:
+        ProblemError: As for `stat_file` and `read_file`.
+    """
+    file_stat, etag = stat_file(path, sha256, size_bytes)
     if matches(if_none_match, etag):
-        return not_modified(etag)
-    file = WholeFile(path, media_type, save_as, found, etag)
-    if found.st_size > AT_ONCE_BYTES:
+        return not_modified_response(etag)
+    file = WholeFileResponse(path, media_type, save_as, file_stat, etag)
+    if file_stat.st_size > MAX_BUFFERED_BYTES:
         return file
-    return Response(read_whole(path, found.st_size), headers=dict(file.headers))
+    return Response(read_file(path, file_stat.st_size), headers=dict(file.headers))
 
 
-def not_modified(etag: str) -> Response:
-    """The client has it already."""
+def not_modified_response(etag: str) -> Response:
+    """Return the response 304, for a client that has the current version."""
     return Response(status_code=304, headers={"etag": etag})

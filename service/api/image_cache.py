@@ -1,4 +1,4 @@
-"""Small pictures that are made when somebody looks at them: one at a time, and the last of them remembered."""
+"""Cache of small images, which are drawn on request, one at a time."""
 
 import hashlib
 from collections import OrderedDict
@@ -10,58 +10,59 @@ from anyio import CapacityLimiter, to_thread
 from starlette.responses import Response
 
 from service.api.etags import matches, tag_of_hash
-from service.api.file_responses import not_modified
+from service.api.file_responses import not_modified_response
 from service.problems.problem_error import ProblemError
 
-REMEMBERED = 64
-"""So many, of 200 kB at the most where they are usual ones."""
+MAX_IMAGES = 64
+"""Number of images that are kept. A usual image has at most 200 kB."""
 
 
 @dataclass(frozen=True)
-class _Made:
+class _Image:
     png: bytes
     etag: str
 
 
-class Pictures:
-    """The memory of pictures, and their one thread. Nothing that a stop waits for is done here. Belongs to the event
-    loop's thread."""
+class ImageCache:
+    """A cache with one drawing thread, for use in the event loop's thread. Stops do not pass through it."""
 
     def __init__(self) -> None:
-        # Now, and not when somebody looks at a moving arm: it keeps all threads waiting.
-        import cv2  # noqa: F401 (whoever draws gets this one)
+        # imported now, because the import blocks all threads and the arm may move at the first request
+        import cv2  # noqa: F401 (`draw_depth` and `shrink_image` use it)
 
-        self._made: OrderedDict[Hashable, _Made] = OrderedDict()
-        self._one = CapacityLimiter(1)
+        self._images: OrderedDict[Hashable, _Image] = OrderedDict()
+        self._drawing = CapacityLimiter(1)
 
-    async def answer(self, of: Hashable, has: str | None, draw: Callable[[], bytes]) -> Response:
-        """The PNG that `draw` makes, which may block; the same again without it for the same `of`, which must name all
-        that it depends on. `has`: the header If-None-Match.
+    async def respond(self, key: Hashable, if_none_match: str | None, draw: Callable[[], bytes]) -> Response:
+        """Return the cached PNG for `key`, or the one that `draw` returns, or 304 if the client has it.
 
-        Raises what `draw` raises.
+        Args:
+            key: Names everything that the image depends on.
+            if_none_match: The request's header If-None-Match.
+            draw: Makes the PNG. It may block. Its exceptions reach the caller.
         """
-        made = self._made.get(of)
-        if made is None:
-            png = await to_thread.run_sync(draw, limiter=self._one)
-            made = self._made[of] = _Made(png, tag_of_hash(hashlib.sha256(png).hexdigest()))
-            if len(self._made) > REMEMBERED:
-                self._made.popitem(last=False)
-        self._made.move_to_end(of)
-        if matches(has, made.etag):
-            return not_modified(made.etag)
-        return Response(made.png, media_type="image/png", headers={"ETag": made.etag})
+        image = self._images.get(key)
+        if image is None:
+            png = await to_thread.run_sync(draw, limiter=self._drawing)
+            image = self._images[key] = _Image(png, tag_of_hash(hashlib.sha256(png).hexdigest()))
+            if len(self._images) > MAX_IMAGES:
+                self._images.popitem(last=False)
+        self._images.move_to_end(key)
+        if matches(if_none_match, image.etag):
+            return not_modified_response(image.etag)
+        return Response(image.png, media_type="image/png", headers={"ETag": image.etag})
 
 
-def shrink_picture(png: bytes, width: int) -> bytes:
-    """The picture, so many pixels across.
+def shrink_image(png: bytes, width: int) -> bytes:
+    """Return a PNG scaled to a width in pixels.
 
     Raises:
-        ProblemError: `damaged`, it is none.
+        ProblemError: `damaged`: The bytes are not an image.
     """
     import cv2
 
-    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR) if png else None
-    if picture is None:
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR) if png else None
+    if image is None:
         raise ProblemError("damaged", "the picture is damaged, the model is not: reprocess the scan")
-    height = max(1, round(picture.shape[0] * width / picture.shape[1]))
-    return cv2.imencode(".png", cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA))[1].tobytes()
+    height = max(1, round(image.shape[0] * width / image.shape[1]))
+    return cv2.imencode(".png", cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA))[1].tobytes()

@@ -1,4 +1,4 @@
-"""What FastAPI's description of the API leaves to be said better."""
+"""Corrections of the OpenAPI document that FastAPI generates."""
 
 from typing import Any
 
@@ -7,23 +7,26 @@ from fastapi.routing import APIRoute
 
 
 def operation_id(route: APIRoute) -> str:
-    """The name of an operation in the description: its function's."""
+    """Return the id of an operation: the name of its function."""
     return route.name
 
 
 def links(*operations: str) -> dict[str, Any]:
-    """The operations that can follow, by the `id` in the answer: part of the answer in the description."""
+    """Return the OpenAPI links from a response to operations that take the `id` in it."""
     return {"links": {name: {"operationId": name, "parameters": {"id": "$response.body#/id"}} for name in operations}}
 
 
-def describe_better(app: FastAPI) -> None:
-    """Has the description say of no parameter that it may be null, for one may be left out, but no address or header
-    can say null; and of a stream of events what each of them is, not that the whole is text."""
-    plain = app.openapi
+def refine_openapi(app: FastAPI) -> None:
+    """Correct the OpenAPI document of an application.
 
-    def described() -> dict[str, Any]:
+    Parameters are not nullable: a client may omit one, but no query or header can express null. An event stream is
+    described by the schema of its events, not as one text.
+    """
+    generate = app.openapi
+
+    def refined() -> dict[str, Any]:
         if app.openapi_schema is None:
-            for item in plain()["paths"].values():
+            for item in generate()["paths"].values():
                 for operation in item.values():
                     for parameter in operation.get("parameters", ()):
                         parameter["schema"] = _without_null(parameter["schema"])
@@ -31,13 +34,13 @@ def describe_better(app: FastAPI) -> None:
                         for content in answer.get("content", {}).values():
                             if "itemSchema" in content:
                                 content.pop("schema", None)
-        return app.openapi_schema or plain()
+        return app.openapi_schema or generate()
 
-    app.openapi = described
+    app.openapi = refined
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema without the choice of null that it may have."""
+    """Return the schema without its alternative null, if it has one."""
     choices = [choice for choice in schema.get("anyOf", ()) if choice != {"type": "null"}]
     if len(choices) != 1:
         return schema

@@ -1,4 +1,4 @@
-"""Lists: their filters, and how they go on."""
+"""Filters and pages of lists."""
 
 import re
 from collections.abc import Sequence
@@ -14,53 +14,60 @@ from service.storage.queries import ScanFilter
 from service.storage.rows import RecordingRow, ScanRow
 
 RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d{1,9})?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
-FORM = "RFC 3339 with a time zone is needed, as 2026-01-31T12:00:00Z; a + must be written %2B"
+DATE_TIME_HINT = "must be RFC 3339 with a time zone, for example 2026-01-31T12:00:00Z; write a + as %2B"
 
-FIRST = datetime.min.replace(tzinfo=UTC)
-LAST = datetime.max.replace(tzinfo=UTC) - timedelta(seconds=1)
-"""There is room behind it, for it may be rounded up."""
+MIN_TIME = datetime.min.replace(tzinfo=UTC)
+MAX_TIME = datetime.max.replace(tzinfo=UTC) - timedelta(seconds=1)
+"""One second before the last representable time, because it may be rounded up."""
 
 R = TypeVar("R", ScanRow, RecordingRow)
 
 
 def _rfc_3339(value: Any) -> Any:
     if isinstance(value, str) and not RFC_3339.fullmatch(value):
-        raise ValueError(FORM)
+        raise ValueError(DATE_TIME_HINT)
     return value
 
 
-def _in_utc(moment: datetime) -> datetime:
-    """A zone can put a moment before the first or behind the last that there is; nothing was accepted out there."""
+def _in_utc(time: datetime) -> datetime:
+    """Return the time in UTC, limited to the representable range. No scan was accepted outside that range."""
     try:
-        return min(moment.astimezone(UTC), LAST)
+        return min(time.astimezone(UTC), MAX_TIME)
     except OverflowError:
-        return FIRST if moment.year == FIRST.year else LAST
+        return MIN_TIME if time.year == MIN_TIME.year else MAX_TIME
 
 
-Moment = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_in_utc)]
+DateTime = Annotated[AwareDatetime, BeforeValidator(_rfc_3339), AfterValidator(_in_utc)]
 
 
 async def _filter(
-    state: Annotated[Sequence[ScanState], Query(description="In this state; more than one may be given")] = (),
-    mode: Annotated[Literal["replay", "live"] | None, Query(description="From a recording, or by the cell")] = None,
+    state: Annotated[Sequence[ScanState], Query(description="In this state; may be given several times")] = (),
+    mode: Annotated[
+        Literal["replay", "live"] | None, Query(description="From a recording (replay), or by the cell (live)")
+    ] = None,
     recording: Annotated[str | None, Query(pattern=ID_PATTERN, description="Of this recording")] = None,
-    source: Annotated[str | None, Query(pattern=ID_PATTERN, description="Done again from this scan")] = None,
-    kept: Annotated[bool | None, Query(description="Marked to be kept, or not")] = None,
-    created_after: Annotated[Moment | None, Query(description="Accepted later than this")] = None,
-    created_before: Annotated[Moment | None, Query(description="Accepted earlier than this")] = None,
+    source: Annotated[str | None, Query(pattern=ID_PATTERN, description="Reprocessed from this scan")] = None,
+    kept: Annotated[bool | None, Query(description="Whether the scan is marked to be kept")] = None,
+    created_after: Annotated[DateTime | None, Query(description="Accepted after this time")] = None,
+    created_before: Annotated[DateTime | None, Query(description="Accepted before this time")] = None,
 ) -> ScanFilter:
     return ScanFilter(tuple(state), mode, recording, source, kept, created_after, created_before)
 
 
 Filter = Annotated[ScanFilter, Depends(_filter)]
-"""Which scans the request wants listed."""
+"""The filters in the request's query."""
 
 
-def page(found: Sequence[R], limit: int, request: Request) -> tuple[Sequence[R], str | None]:
-    """Of one row more than asked for, those asked for; and where the list goes on: the request's own address, behind
-    the last of them. None: there is no more."""
-    rows = found[:limit]
-    if len(found) <= limit:
-        return rows, None
+def paginate(rows: Sequence[R], limit: int, request: Request) -> tuple[Sequence[R], str | None]:
+    """Return the rows of a page, and the address of the next page, or None if there is none.
+
+    Args:
+        rows: Rows from the start of the page, up to `limit + 1`. The extra row shows that there is a next page.
+        limit: Number of rows in a page.
+        request: The request for this page. The next address is its own, continued after the last row.
+    """
+    listed = rows[:limit]
+    if len(rows) <= limit:
+        return listed, None
     query = [(name, value) for name, value in request.query_params.multi_items() if name != "before"]
-    return rows, f"{request.url.path}?{urlencode([*query, ('before', rows[-1].id)])}"
+    return listed, f"{request.url.path}?{urlencode([*query, ('before', listed[-1].id)])}"

@@ -15,7 +15,7 @@ from service.api.schemas.addresses import job_address
 from service.errors import INPUT_ERRORS, ServiceError
 from service.problems.document import MEDIA_TYPE, problem_document
 from service.problems.problem_error import ProblemError
-from service.security.middleware.headers import UNEXPECTED
+from service.security.middleware.headers import UNEXPECTED_ERROR_HEADERS
 from service.storage.data_folder import OutsideError
 from service.storage.storage_errors import is_full, is_held
 
@@ -99,7 +99,7 @@ async def _on_storage_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _on_unexpected_error(request: Request, error: Exception) -> JSONResponse:
     # Starlette raises the error again after this answer, so the server's log has the traceback.
-    return _respond(request, "internal", "unexpected error; the service's log has it", dict(UNEXPECTED))
+    return _respond(request, "internal", "unexpected error; the service's log has it", dict(UNEXPECTED_ERROR_HEADERS))
 
 
 def _retry_after(seconds: float | None) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Whether the service can do what it is for: each thing that it takes, by its name."""
+"""Readiness of the service: one named check for each part that a scan needs."""
 
 import logging
 import shutil
@@ -6,66 +6,66 @@ import sqlite3
 
 from service.api.dependencies import Context
 from service.api.schemas.health import ReadinessCheck, ReadinessChecks
-from service.security.auth.tokens import FILE, TokensError, read_tokens
+from service.security.auth.tokens import TOKENS_FILE, TokensError, read_tokens
 from service.storage.database import Database
 
 log = logging.getLogger(__name__)
 
-WRITABLE_MS = 1000
-"""The database may be held by somebody else for so long; a request that writes waits longer."""
+WRITE_TIMEOUT_MS = 1000
+"""Time to wait for the database while another program holds it. A request that writes waits longer."""
 
 
 def readiness(service: Context) -> ReadinessChecks:
-    """All of it as it is now. May block for about a second.
+    """Run all checks. May block for about a second.
 
-    The cell is told but does not count: one that is not connected yet, or in a fault, is connected or acknowledged
-    over this very service. Whoever takes a service that is not ready out of use would take that away.
+    The state of the cell is reported but does not count. A cell that is not connected, or in a fault, is connected or
+    acknowledged through this service, so an orchestrator must not take the service out of use for that.
     """
     return ReadinessChecks(
         store=_store(service.store.database),
-        recognition=_well_unless(service.jobs.not_ready, "it waits for work, or is at it"),
+        recognition=_check(service.jobs.not_ready, "it is ready, or at work"),
         disk=_disk(service),
-        service=_well_unless(_no_requests(service), "it takes requests"),
+        service=_check(_reason_for_no_requests(service), "it accepts requests"),
         cell=service.cell.status.state,
     )
 
 
-def what_is_not(checks: ReadinessChecks) -> list[str]:
-    """Each check that failed, in words."""
+def failed_checks(checks: ReadinessChecks) -> list[str]:
+    """Return a message for each check that failed."""
     named = {"store": checks.store, "recognition": checks.recognition, "disk": checks.disk, "service": checks.service}
     return [f"{name}: {check.words}" for name, check in named.items() if not check.ok]
 
 
-def _no_requests(service: Context) -> str | None:
-    """Return why the service takes no requests, or None if it takes them."""
+def _reason_for_no_requests(service: Context) -> str | None:
+    """Return why the service accepts no requests, or None if it accepts them."""
     if service.jobs.closed:
         return "the service is stopping"
-    path = service.store.folder.root / FILE
+    path = service.store.folder.root / TOKENS_FILE
     try:
         read_tokens(path)
     except TokensError as error:
         log.warning("the tokens cannot be read: %s", error)
-        # The answer is open to everyone, so that it does not name the folder.
-        reason = str(error).replace(str(path), FILE)
+        # without the folder, because everyone may read the answer
+        reason = str(error).replace(str(path), TOKENS_FILE)
         return f"{reason}; clients may be refused, also when they stop the arm"
     return None
 
 
 def _store(database: Database) -> ReadinessCheck:
-    """A change is begun, as every request that counts does, and not made."""
+    """Check that the database accepts changes: begin a transaction, as every writing request does, and roll it back."""
     try:
         with database.connection() as db:
-            (usual,) = db.execute("PRAGMA busy_timeout").fetchone()
-            db.execute(f"PRAGMA busy_timeout = {WRITABLE_MS}")
+            (original_ms,) = db.execute("PRAGMA busy_timeout").fetchone()
+            db.execute(f"PRAGMA busy_timeout = {WRITE_TIMEOUT_MS}")
             try:
                 db.execute("BEGIN IMMEDIATE")
                 db.execute("ROLLBACK")
             finally:
-                db.execute(f"PRAGMA busy_timeout = {usual}")
+                db.execute(f"PRAGMA busy_timeout = {original_ms}")
     except sqlite3.Error as error:
         log.warning("the store cannot be written: %s", error)
-        return ReadinessCheck(ok=False, words=f"it takes no changes: {error}")
-    return ReadinessCheck(ok=True, words="it takes changes")
+        return ReadinessCheck(ok=False, words=f"it accepts no changes: {error}")
+    return ReadinessCheck(ok=True, words="it accepts changes")
 
 
 def _disk(service: Context) -> ReadinessCheck:
@@ -73,10 +73,10 @@ def _disk(service: Context) -> ReadinessCheck:
     try:
         free = shutil.disk_usage(service.store.folder.root).free
     except OSError as error:
-        return ReadinessCheck(ok=False, words=f"the data folder cannot be looked at: {error.strerror or error}")
-    words = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB needed"
-    return ReadinessCheck(ok=free >= needed, words=words)
+        return ReadinessCheck(ok=False, words=f"the data folder cannot be read: {error.strerror or error}")
+    status = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB are needed"
+    return ReadinessCheck(ok=free >= needed, words=status)
 
 
-def _well_unless(reason: str | None, words: str) -> ReadinessCheck:
+def _check(reason: str | None, words: str) -> ReadinessCheck:
     return ReadinessCheck(ok=reason is None, words=reason or words)

@@ -1,8 +1,8 @@
-"""What is asked for most: answered from memory while nothing has changed, else read by one of a few threads.
+"""Cache of the most frequent responses, filled by a few threads of its own.
 
-A plain `def` route goes through Starlette's threads once for each dependency, for itself and for the check of its
-answer, and a file's once more for each piece: with many clients, threads that hand the interpreter to one another are
-then most of the work. Even one way to a thread and back is more than all the rest.
+A plain `def` route passes through Starlette's threads once for each dependency, once for itself, once for the check of
+its response, and for a file once more for each chunk. With many clients, most of the work is then threads that hand the
+interpreter to one another. Even one round trip to a thread takes longer than all the rest.
 """
 
 import asyncio
@@ -22,69 +22,79 @@ from service.storage.database import Database
 T = TypeVar("T")
 
 THREADS = 4
-"""More only get into each other's way: one reads while the others wait for the interpreter."""
-FRESH_S = 0.5
-"""So long something is known without looking again: whatever else than the service may change it, as a person who takes
-a file away, is seen by then. What the service changes is seen at once."""
-REMEMBERED = 64
-"""So many are known at a time ..."""
-SMALL_BYTES = 1 << 18
-"""... and no answer that is larger."""
+"""Number of reading threads. More would only wait for the interpreter."""
+MAX_AGE_S = 0.5
+"""Age after which an entry is read again, so that changes from outside the service, such as a deleted file, are seen.
+
+Changes by the service itself are seen at once.
+"""
+MAX_ENTRIES = 64
+"""Number of entries that are kept."""
+MAX_ENTRY_BYTES = 1 << 18
+"""Size of the largest response that is kept."""
 
 
 @dataclass(frozen=True)
-class _Known:
-    coming: "asyncio.Future[Any]"
-    """What is known, once it is read: never changed, so that it can be given to many."""
+class _Entry:
+    future: "asyncio.Future[Any]"
+    """The value, once it is read. Many requests share it, so it is never changed."""
     change: object
-    """The database's last one before."""
-    asked_s: float
-    """`time.monotonic()`."""
+    """The last change of the database before the value was read."""
+    requested_at: float
+    """Time of the first request, in seconds of `time.monotonic()`."""
 
 
-class Reading:
-    """The memory and the threads. Nothing that a stop waits for is done here. Belongs to the event loop's thread."""
+class ResponseCache:
+    """A cache with its own threads, for use in the event loop's thread. Stops do not pass through it."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._known: OrderedDict[Hashable, _Known] = OrderedDict()
-        self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="reading")
+        self._entries: OrderedDict[Hashable, _Entry] = OrderedDict()
+        self._threads = ThreadPoolExecutor(THREADS, thread_name_prefix="response-cache")
 
-    async def answer(self, to: Hashable, read: Callable[[], Response]) -> Response:
-        """The answer that `read` gives, which may block; the last one to the same, where nothing has changed since.
+    async def respond(self, key: Hashable, read: Callable[[], Response]) -> Response:
+        """Return the cached response for `key`, or the one that `read` returns if something may have changed.
 
-        Raises what `read` raises.
+        Args:
+            key: As for `get`.
+            read: Makes the response. It may block. Its exceptions reach the caller.
         """
-        answer = await self.known(to, read)
-        if int(answer.headers.get("content-length", "0")) > SMALL_BYTES:
-            self._known.pop(to, None)
-        return answer
+        response = await self.get(key, read)
+        if int(response.headers.get("content-length", "0")) > MAX_ENTRY_BYTES:
+            self._entries.pop(key, None)
+        return response
 
-    async def known(self, what: Hashable, read: Callable[[], T]) -> T:
-        """The same of anything that depends on the database and on files alone; whatever else it depends on must be
-        part of `what`. Who asks for what is just being read waits for that."""
+    async def get(self, key: Hashable, read: Callable[[], T]) -> T:
+        """Return the cached value for `key`, or the one that `read` returns if something may have changed.
+
+        Requests for a key that is just being read wait for the same value.
+
+        Args:
+            key: Names everything that the value depends on, apart from the database and files.
+            read: Makes the value. It may block. Its exceptions reach the caller.
+        """
         now_s, change = time.monotonic(), self._database.change
-        known = self._known.get(what)
-        if known is None or known.change is not change or now_s - known.asked_s > FRESH_S:
-            # Not by anyio: its way there and back costs twice as much.
-            coming = asyncio.get_running_loop().run_in_executor(self._threads, copy_context().run, read)
-            known = self._known[what] = _Known(coming, change, now_s)
-            self._known.move_to_end(what)
-            if len(self._known) > REMEMBERED:
-                self._known.popitem(last=False)
+        entry = self._entries.get(key)
+        if entry is None or entry.change is not change or now_s - entry.requested_at > MAX_AGE_S:
+            # not through anyio, whose round trip takes twice as long
+            future = asyncio.get_running_loop().run_in_executor(self._threads, copy_context().run, read)
+            entry = self._entries[key] = _Entry(future, change, now_s)
+            self._entries.move_to_end(key)
+            if len(self._entries) > MAX_ENTRIES:
+                self._entries.popitem(last=False)
         try:
-            # Whoever has asked first may leave before the others have their answer.
-            return known.coming.result() if known.coming.done() else await asyncio.shield(known.coming)
+            # shielded, because the first client may disconnect while others wait for the same value
+            return entry.future.result() if entry.future.done() else await asyncio.shield(entry.future)
         except BaseException:
-            if self._known.get(what) is known:
-                del self._known[what]  # the next one tries it again
+            if self._entries.get(key) is entry:
+                del self._entries[key]  # the next request tries again
             raise
 
     def close(self) -> None:
-        """What has not begun is left out; returns when the rest has ended."""
+        """Cancel the reads that have not begun, and return when the others have ended."""
         self._threads.shutdown(cancel_futures=True)
 
 
-def json_answer(document: BaseModel) -> Response:
-    """The document as FastAPI would send it, without its second check."""
+def json_response(document: BaseModel) -> Response:
+    """Return the document as FastAPI would send it, without validating it a second time."""
     return Response(document.model_dump_json(), media_type="application/json")

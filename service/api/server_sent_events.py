@@ -1,4 +1,4 @@
-"""Events as server-sent events: what has been, then what comes, without a gap and none twice."""
+"""Streams of server-sent events: the past changes, then each new one, without gaps or duplicates."""
 
 import json
 from collections.abc import AsyncGenerator, AsyncIterator, Callable
@@ -14,30 +14,34 @@ from service.api.schemas.scan_resource import scan_resource
 from service.api.schemas.scans import ScanSummary
 from service.errors import Failure
 from service.events.cell_events import CellEvent
-from service.events.hub import Follower, Mark
+from service.events.hub import Mark, Subscriber
 from service.problems.document import failure_document
-from service.storage.event_log import Behind, Present, ScanEvent, ScanEvents
+from service.storage.event_log import MissedEvents, ScanEvent, ScanEvents, ScanSnapshot
 
 PING_S = 15.0
-"""After so long without an event a comment is sent, lest something on the way takes the connection for dead."""
+"""Time without an event after which a comment is sent, so that no proxy drops the connection as idle."""
 RETRY = format_sse_event(retry=2000)
-"""A client that has lost the stream tries again after so many milliseconds."""
-ENDING = format_sse_event(comment="the service is stopping")
+"""Tells a client to reconnect 2000 ms after it has lost the stream."""
+STOPPING_COMMENT = format_sse_event(comment="the service is stopping")
 
-News = Follower[ScanEvent | CellEvent]
-Whole = Literal["scan", "cell", "resync"]
-"""Events that tell how things stand, not what has changed. `resync`: some changes in between are not told."""
+EventSubscriber = Subscriber[ScanEvent | CellEvent]
+SnapshotKind = Literal["scan", "cell", "resync"]
+"""Names of events with a whole state in place of a change. Before `resync`, some changes were not sent."""
 
 
 class EventStream(StreamingResponse):
-    """An answer that goes on for as long as its content, its client, or the client's right to it does."""
+    """A streaming response that ends with its content, its connection, or the client's permission to read it."""
 
-    # Not fastapi.sse's own way, a route that yields: it has no say in the headers and the pings, and keeps three tasks
-    # and two queues for each client.
+    # not a generator route of fastapi.sse, which fixes the headers and pings and keeps 3 tasks and 2 queues per client
     media_type = "text/event-stream"
 
     def __init__(self, content: AsyncGenerator[bytes], allowed: Callable[[], bool]) -> None:
-        """`allowed` is asked before each event and each sign of life."""
+        """Create the stream.
+
+        Args:
+            content: The events as bytes.
+            allowed: Whether the client may still read. Called before each event and each keep-alive comment.
+        """
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         super().__init__(_while_allowed(content, allowed), headers=headers)
 
@@ -45,91 +49,113 @@ class EventStream(StreamingResponse):
 async def _while_allowed(content: AsyncGenerator[bytes], allowed: Callable[[], bool]) -> AsyncIterator[bytes]:
     async with aclosing(content):
         async for piece in content:
-            if not allowed():  # its token was removed, or it had none and there is one now
+            if not allowed():  # the token was removed, or the client has none and tokens exist now
                 return
             yield piece
 
 
 async def scan_stream(
-    events: ScanEvents, scan_id: str, news: News, begin: Present | Behind, whole: Whole, seen: int
+    events: ScanEvents,
+    scan_id: str,
+    subscriber: EventSubscriber,
+    begin: ScanSnapshot | MissedEvents,
+    snapshot_kind: SnapshotKind,
+    last_id: int,
 ) -> AsyncGenerator[bytes]:
-    """The events of one scan up to its last. `news` of the scan are followed since before `begin` was read.
+    """Yield the events of one scan up to its last.
 
-    `whole`: as what a `begin` that is the present state is told. `seen`: the newest event in that, or the one that
-    `begin` has the changes behind.
+    Args:
+        events: The stored events.
+        scan_id: Id of the scan.
+        subscriber: Subscribed to the scan since before `begin` was read.
+        begin: The present state, or the changes since the event `last_id`.
+        snapshot_kind: Event name for a `begin` that is the present state.
+        last_id: Id of the newest event in the present state, or of the event that the changes follow.
     """
     yield RETRY
-    if isinstance(begin, Present):
-        yield _present(whole, begin)
+    if isinstance(begin, ScanSnapshot):
+        yield _scan_snapshot(snapshot_kind, begin)
     else:
         for event in begin.events:
             yield change_event(event)
-            seen = event.id
-    over = begin.over
-    while not over:
-        item = await news.next(PING_S)
+            last_id = event.id
+    ended = begin.ended
+    while not ended:
+        item = await subscriber.next(PING_S)
         if item is None:
             yield KEEPALIVE_COMMENT
         elif item is Mark.CLOSED:
-            yield ENDING
+            yield STOPPING_COMMENT
             return
         elif item is Mark.MISSED:
-            present = await to_thread.run_sync(events.present, scan_id)
+            present = await to_thread.run_sync(events.snapshot, scan_id)
             if present is None:  # removed, so it had ended
                 return
-            yield _present("resync", present)
-            seen, over = present.newest, present.over
-        elif isinstance(item, ScanEvent) and item.id > seen:
+            yield _scan_snapshot("resync", present)
+            last_id, ended = present.newest, present.ended
+        elif isinstance(item, ScanEvent) and item.id > last_id:
             yield change_event(item)
-            seen, over = item.id, item.final
+            last_id, ended = item.id, item.final
 
 
 async def all_stream(
-    events: ScanEvents, cell: Callable[[], CellEvent], news: News, behind: list[ScanEvent], whole: Whole, seen: int
+    events: ScanEvents,
+    cell: Callable[[], CellEvent],
+    subscriber: EventSubscriber,
+    missed: list[ScanEvent],
+    snapshot_kind: SnapshotKind,
+    last_id: int,
 ) -> AsyncGenerator[bytes]:
-    """The events of all scans, and the cell's; it does not end by itself. `news` are followed since before `behind`,
-    the events since the one that the client has `seen`, were read.
+    """Yield the events of all scans and of the cell, without an end.
 
-    `cell` tells the state that the cell is in; its events have no id but where they tell how things stand.
+    Events of the cell have an id only at the beginning and after a `resync`.
+
+    Args:
+        events: The stored events.
+        cell: Returns the present state of the cell.
+        subscriber: Subscribed to everything since before `missed` was read.
+        missed: The events of scans after the event `last_id`.
+        snapshot_kind: Name of the first event.
+        last_id: Id of the last event that the client has received.
     """
     yield RETRY
-    yield _cell(whole, cell(), seen)
-    for event in behind:
+    yield _cell_event(snapshot_kind, cell(), last_id)
+    for event in missed:
         yield change_event(event)
-        seen = event.id
+        last_id = event.id
     while True:
-        item = await news.next(PING_S)
+        item = await subscriber.next(PING_S)
         if item is None:
             yield KEEPALIVE_COMMENT
         elif item is Mark.CLOSED:
-            yield ENDING
+            yield STOPPING_COMMENT
             return
         elif item is Mark.MISSED:
-            seen = await to_thread.run_sync(events.newest)
-            yield _cell("resync", cell(), seen)
+            last_id = await to_thread.run_sync(events.newest)
+            yield _cell_event("resync", cell(), last_id)
         elif isinstance(item, CellEvent):
-            yield _cell("cell", item)
-        elif isinstance(item, ScanEvent) and item.id > seen:
+            yield _cell_event("cell", item)
+        elif isinstance(item, ScanEvent) and item.id > last_id:
             yield change_event(item)
-            seen = item.id
+            last_id = item.id
 
 
 def change_event(event: ScanEvent) -> bytes:
-    """Return one change of a scan as a server-sent event. A failure and a summary are as in the scan's resource."""
+    """Return one change of a scan as a server-sent event. Failure and summary have the form of the scan resource."""
     data = dict(event.data)
     if event.kind == "state":
         failure, summary = data.pop("failure", None), data.pop("summary", None)
         problem = None if failure is None else failure_document(Failure(**failure), f"{SCANS}/{event.scan}")
-        known = None if summary is None else ScanSummary.model_validate(summary).model_dump()
-        data |= {"problem": problem, "summary": known}
+        summary_data = None if summary is None else ScanSummary.model_validate(summary).model_dump()
+        data |= {"problem": problem, "summary": summary_data}
     document = {"id": event.id, "scan": event.scan, "at": event.at, "kind": event.kind, "data": data}
     return format_sse_event(data_str=json.dumps(document, allow_nan=False), event=event.kind, id=str(event.id))
 
 
-def _present(kind: Whole, present: Present) -> bytes:
+def _scan_snapshot(kind: SnapshotKind, present: ScanSnapshot) -> bytes:
     resource = scan_resource(present.scan, present.views)
     return format_sse_event(data_str=resource.model_dump_json(), event=kind, id=str(present.newest))
 
 
-def _cell(kind: Whole, event: CellEvent, seen: int | None = None) -> bytes:
-    return format_sse_event(data_str=event.text, event=kind, id=None if seen is None else str(seen))
+def _cell_event(kind: SnapshotKind, event: CellEvent, last_id: int | None = None) -> bytes:
+    return format_sse_event(data_str=event.text, event=kind, id=None if last_id is None else str(last_id))

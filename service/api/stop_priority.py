@@ -1,48 +1,48 @@
-"""A stop goes before everything else that is asked for."""
+"""Middleware that gives stop requests priority over all other requests."""
 
 import asyncio
 import contextlib
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-HOLD_S = 0.2
-"""No request waits longer than this for a stop's answer. A real arm takes about as long to come to rest."""
+MAX_WAIT_S = 0.2
+"""Longest time that another request waits for a stop. A real arm takes about as long to come to rest."""
 
 
-class StopFirst:
-    """ASGI middleware: no other request is begun while somebody stops something.
+class StopPriority:
+    """ASGI middleware that begins no other request while a stop or a cancel is running.
 
-    Each of them takes the one interpreter for a moment; a stop needs it several times on its way to the arm and back,
-    and with many clients would wait for all of them each time.
+    Each request holds the one interpreter for a moment. A stop needs the interpreter several times on its path to the
+    arm and back, and with many clients it would wait for all of them each time.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
-        self._stopping = 0
-        self._over = asyncio.Event()
+        self._stops_running = 0
+        self._no_stop_running = asyncio.Event()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes the request on, if need be when the stop is answered."""
-        if scope["type"] == "http" and _stops(scope):
-            await self._stop(scope, receive, send)
+        """Pass the request on. If a stop is running, wait for its answer first, at most `MAX_WAIT_S`."""
+        if scope["type"] == "http" and _is_stop(scope):
+            await self._run_stop(scope, receive, send)
             return
-        if self._stopping:
+        if self._stops_running:
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._over.wait(), HOLD_S)
+                await asyncio.wait_for(self._no_stop_running.wait(), MAX_WAIT_S)
         await self._app(scope, receive, send)
 
-    async def _stop(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._stopping == 0:
-            self._over.clear()
-        self._stopping += 1
+    async def _run_stop(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._stops_running == 0:
+            self._no_stop_running.clear()
+        self._stops_running += 1
         try:
             await self._app(scope, receive, send)
         finally:
-            self._stopping -= 1
-            if self._stopping == 0:
-                self._over.set()
+            self._stops_running -= 1
+            if self._stops_running == 0:
+                self._no_stop_running.set()
 
 
-def _stops(scope: Scope) -> bool:
+def _is_stop(scope: Scope) -> bool:
     path: str = scope["path"]
     return scope["method"] == "POST" and (path == "/api/cell/stop" or path.endswith("/cancel"))

@@ -1,4 +1,4 @@
-"""Recordings recognised on a Dask cluster: one of this machine's processes, or one that is there already."""
+"""Recognition on a Dask cluster: of local processes, or one that already runs."""
 
 import logging
 import os
@@ -7,102 +7,116 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from service.batch.cluster_worker import OtherVersionError, work_on
-from service.batch.errors import EXTRA, ArchiveError
-from service.batch.recognise_file import Asked, Line, failed
-from service.signals import ctrl_c_later
+from service.batch.cluster_worker import VersionMismatchError, recognise_on_worker
+from service.batch.errors import INSTALL_EXTRA, BatchError
+from service.batch.recognise_file import RecognitionRequest, RecordingLine, failed_line
+from service.signals import defer_sigint
 
 if TYPE_CHECKING:
     from distributed import Client
 
-SCHEDULER_S = 10.0
-"""So long an answer of the scheduler is waited for."""
-WORKERS_S = 60.0
-"""So long the first worker is waited for: one that has just been started imports for some seconds."""
+SCHEDULER_TIMEOUT_S = 10.0
+"""Timeout for connecting to the scheduler."""
+WORKER_TIMEOUT_S = 60.0
+"""Timeout for the first worker. A worker that was just started imports for several seconds."""
 
 
 @contextmanager
 def local_cluster(jobs: int) -> Iterator[str]:
-    """The address of a cluster of `jobs` processes, which end with the block. Raises ArchiveError."""
+    """Start a cluster of `jobs` processes, yield its address, and end the processes with the block.
+
+    Raises:
+        BatchError: The processes cannot be started, or a package is missing.
+    """
     _require_dask()
     import dask.config
     from distributed import LocalCluster
 
     with ExitStack() as stack:
-        # A worker that starts again for the third time, because of one recording, would be taken for lost.
+        # Dask would count a worker as lost that restarts for the third time because of one recording
         stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}))
         try:
-            with ctrl_c_later():
-                # One thread a process: recognition holds the interpreter, and how sums are rounded depends on their
-                # threads.
+            with defer_sigint():
                 cluster = LocalCluster(
                     n_workers=jobs,
+                    # recognition holds the interpreter lock, and the rounding of sums depends on its threads
                     threads_per_worker=1,
-                    # Else each has its part of the machine's, and waits for ever where that is less than imports take.
+                    # a share of the memory of the machine may be less than the imports take; Dask would wait forever
                     memory_limit=None,
                     host="127.0.0.1",
-                    dashboard_address=None,  # pyright: ignore[reportArgumentType] -- None is its word for none
+                    dashboard_address=None,  # pyright: ignore[reportArgumentType] -- Dask takes None for no dashboard
                     silence_logs=logging.CRITICAL,
                     preload="service.batch.cluster_worker",
                 )
                 stack.enter_context(cluster)
         except (RuntimeError, OSError) as error:
-            raise ArchiveError(f"{jobs} processes cannot be started here: {error}; ask for fewer") from error
+            raise BatchError(f"{jobs} processes cannot be started on this machine: {error}; use fewer") from error
         yield cluster.scheduler_address
 
 
-def on_cluster(files: Sequence[str], asked: Asked, address: str) -> Iterator[Line]:
-    """The line of each file, as they are done. The workers must see the files under the same paths.
+def recognise_on_cluster(files: Sequence[str], request: RecognitionRequest, address: str) -> Iterator[RecordingLine]:
+    """Yield the line of each file as soon as it is done. The workers must see the files under the same paths.
 
-    A recording that was being worked on when its worker died is given to another; one that several died over, when it
-    was alone too, gets a line with the error `recognition-crashed`.
+    If a worker dies, another one gets its recording. A recording that several workers died over, also when it was
+    alone, gets a line with the error `recognition-crashed`.
+
+    Args:
+        files: Names of the recordings.
+        request: How to recognise them.
+        address: Address of the scheduler.
 
     Raises:
-        ArchiveError: there is no cluster at `address`, it has no worker, a worker has no or another version of
-            Pointchain, or the cluster was lost.
+        BatchError: No cluster runs at `address`, it has no worker, a worker has no or another version of Pointchain,
+            or the cluster was lost.
     """
     _require_dask()
 
     with _client(address) as client:
-        ended = []
-        for file, line in _worked_on(client, files, asked):
+        crashed = []
+        for file, line in _recognise_each(client, files, request):
             if line is None:
-                ended.append(file)
+                crashed.append(file)
             else:
                 yield line
-        # A worker takes others with it that it had been given as well: who of them did it shows when each is alone.
-        for file in ended:
-            for _, line in _worked_on(client, [file], asked):
-                reason = "it ended one worker after the other: too little memory, or a fault of ours"
-                yield line or failed(file, asked, "recognition-crashed", reason, _absolute(file))
+        # a dying worker takes its other recordings with it; running each alone shows which one is the cause
+        for file in crashed:
+            for _, line in _recognise_each(client, [file], request):
+                reason = (
+                    "it crashed one worker after the other: give the workers more memory, or report the error if they "
+                    "have enough"
+                )
+                yield line or failed_line(file, request, "recognition-crashed", reason, _absolute(file))
 
 
-def _worked_on(client: "Client", files: Sequence[str], asked: Asked) -> Iterator[tuple[str, Line | None]]:
-    """Each file with its line, as they are done; None where one worker after the other died that had it.
+def _recognise_each(
+    client: "Client", files: Sequence[str], request: RecognitionRequest
+) -> Iterator[tuple[str, RecordingLine | None]]:
+    """Yield each file with its line as soon as it is done; None if one worker after the other died over it.
 
     Raises:
-        ArchiveError: as `on_cluster`.
+        BatchError: As for `recognise_on_cluster`.
     """
     from distributed import CancelledError, KilledWorker, as_completed
 
-    futures = client.map(work_on, list(files), [str(_absolute(file)) for file in files], asked=asked, pure=False)
+    paths = [str(_absolute(file)) for file in files]
+    futures = client.map(recognise_on_worker, list(files), paths, request=request, pure=False)
     file_of = {future.key: file for future, file in zip(futures, files, strict=True)}
-    coming = as_completed(futures)
-    del futures  # what is not held is forgotten by the cluster, once it was taken
-    for future in coming:
+    completed = as_completed(futures)
+    del futures  # the cluster then forgets each result after it was taken
+    for future in completed:
         file = file_of.pop(future.key)
         try:
             line = future.result()
         except KilledWorker:
             line = None
         except ImportError as error:
-            raise ArchiveError(f"a worker lacks what it needs ({error}): install the same release there") from error
-        except OtherVersionError as error:
-            raise ArchiveError(str(error)) from error
+            raise BatchError(f"a worker lacks a package ({error}): install the same release there") from error
+        except VersionMismatchError as error:
+            raise BatchError(str(error)) from error
         except (CancelledError, OSError) as error:
-            raise ArchiveError(f"the cluster was lost: {error}") from error
-        except Exception as error:  # noqa: BLE001 -- of one recording, which must not take the others' results
-            line = failed(file, asked, "internal", f"unexpected error of a worker: {error!r}", _absolute(file))
+            raise BatchError(f"the connection to the cluster was lost: {error}; run the command again") from error
+        except Exception as error:  # noqa: BLE001 -- an error of one recording must not lose the results of the others
+            line = failed_line(file, request, "internal", f"unexpected error of a worker: {error!r}", _absolute(file))
         yield file, line
 
 
@@ -114,22 +128,22 @@ def _absolute(file: str) -> Path:
 def _client(address: str) -> Iterator["Client"]:
     from distributed import Client
 
-    # What is wrong is told by what is raised.
+    # the exceptions report every failure, so the log of Dask is not needed
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with ExitStack() as stack:
         try:
-            client = stack.enter_context(Client(address, timeout=SCHEDULER_S))
-            client.wait_for_workers(1, WORKERS_S)
+            client = stack.enter_context(Client(address, timeout=SCHEDULER_TIMEOUT_S))
+            client.wait_for_workers(1, WORKER_TIMEOUT_S)
         except TimeoutError as error:
-            raise ArchiveError(f"the cluster at {address} has no worker: start `dask worker {address}`") from error
+            raise BatchError(f"the cluster at {address} has no worker: start `dask worker {address}`") from error
         except (OSError, ValueError) as error:
-            raise ArchiveError(f"no Dask scheduler answers at {address}: {error}") from error
+            raise BatchError(f"no Dask scheduler answers at {address}: {error}") from error
         yield client
 
 
 def _require_dask() -> None:
     try:
-        import distributed  # noqa: F401 -- only whether it is there
+        import distributed  # noqa: F401 -- checks only whether it is installed
     except ImportError as error:
-        raise ArchiveError(f"--jobs and --cluster need the extra `archive`: {EXTRA}") from error
+        raise BatchError(f"--jobs and --cluster need the extra `archive`: {INSTALL_EXTRA}") from error

@@ -1,4 +1,4 @@
-"""`pointchain compare`: what changed between two runs over the same recordings."""
+"""`pointchain compare`: list what changed between two runs over the same recordings."""
 
 import json
 import sys
@@ -7,110 +7,133 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from service.batch.errors import ArchiveError
-from service.batch.formats import lines_of
-from service.batch.model_diff import KINDS, Change, change
+from service.batch.errors import BatchError
+from service.batch.formats import read_lines
+from service.batch.model_diff import KINDS, Change, compare_models
 
-UNKNOWN = 2
-"""The exit code when the two cannot be compared, as of `diff`."""
+EXIT_NOT_COMPARABLE = 2
+"""Exit code if the files cannot be compared, the same as that of `diff`."""
 
 
 def compare(before: Path, after: Path, tolerance_m: float, as_json: bool) -> int:
-    """Says on stdout what changed from `before` to `after`, outputs of `recognise`. The exit code: 0 nothing, 1
-    something, 2 it cannot be told, which is said on stderr."""
+    """Print what changed from one output of `recognise` to another.
+
+    Args:
+        before: Output of the first run.
+        after: Output of the second run.
+        tolerance_m: Limit below which moved lines and different radii count as the same, metres.
+        as_json: Print one JSON document.
+
+    Returns:
+        Exit code: 0 if nothing changed, 1 if something did, 2 if the files cannot be compared. The reason for 2 is
+        printed to stderr.
+    """
     try:
-        pairs, gone, added = _paired(_runs(before), _runs(after))
+        pairs, removed, added = _pair(_read_run(before), _read_run(after))
         if not pairs:
-            raise ArchiveError(f"{before} and {after} have no recording in common")
-        changes = [change(b.name, json.loads(a.text), json.loads(b.text), tolerance_m) for a, b in pairs]
-    except ArchiveError as error:
+            raise BatchError(f"{before} and {after} have no recording in common")
+        changes = [compare_models(b.name, json.loads(a.text), json.loads(b.text), tolerance_m) for a, b in pairs]
+    except BatchError as error:
         print(f"pointchain compare: {error}", file=sys.stderr)
-        return UNKNOWN
+        return EXIT_NOT_COMPARABLE
     except OSError as error:
         print(f"pointchain compare: {error.filename or error} cannot be read", file=sys.stderr)
-        return UNKNOWN
+        return EXIT_NOT_COMPARABLE
     changes.sort(key=lambda one: (KINDS.index(one.kind), -(one.worst_m or 0.0)))
     counts = Counter(one.kind for one in changes)
     if as_json:
-        document = {"counts": {kind: counts[kind] for kind in KINDS}, "only_before": gone, "only_after": added}
+        document = {"counts": {kind: counts[kind] for kind in KINDS}, "only_before": removed, "only_after": added}
         print(json.dumps(document | {"changes": [asdict(one) for one in changes]}, allow_nan=False))
     else:
-        _tell(changes, counts, gone, added)
-    return 0 if counts["same"] == len(changes) and not gone and not added else 1
+        _print_changes(changes, counts, removed, added)
+    return 0 if counts["same"] == len(changes) and not removed and not added else 1
 
 
 @dataclass(frozen=True)
-class _Run:
-    """A line, of which the text alone is kept: an archive's models are many."""
+class _RunLine:
+    """A line of an output file, as text only, because the models of a batch need too much memory."""
 
     name: str
-    """Of the recording; where it is not told, of the line."""
+    """Name of the recording. If the line has none, the number of the line."""
     sha256: str | None
-    """Of the recording's content."""
+    """SHA-256 of the recording."""
     text: str
 
 
-def _runs(path: Path) -> list[_Run]:
-    """Raises ArchiveError, OSError."""
-    runs = []
-    for number, line in enumerate(lines_of(path), 1):
+def _read_run(path: Path) -> list[_RunLine]:
+    """Return the lines of an output file.
+
+    Raises:
+        BatchError: A line is not a JSON document.
+        OSError: The file cannot be read.
+    """
+    lines = []
+    for number, line in enumerate(read_lines(path), 1):
         try:
             recording = json.loads(line).get("recording") or {}
-            runs.append(_Run(recording.get("file") or f"line {number}", recording.get("sha256"), line))
+            lines.append(_RunLine(recording.get("file") or f"line {number}", recording.get("sha256"), line))
         except (ValueError, AttributeError) as error:
-            raise ArchiveError(f"{path}, line {number}: no JSON document of a model: {error}") from error
-    return runs
+            raise BatchError(f"{path}, line {number}: not a JSON document of a model: {error}") from error
+    return lines
 
 
-def _paired(before: Sequence[_Run], after: Sequence[_Run]) -> tuple[list[tuple[_Run, _Run]], list[str], list[str]]:
-    """What belongs together: same name and content; else same content; else same name, where one could not be read.
+def _pair(
+    before: Sequence[_RunLine], after: Sequence[_RunLine]
+) -> tuple[list[tuple[_RunLine, _RunLine]], list[str], list[str]]:
+    """Pair the lines of the same recording.
 
-    And the names of those that are in one of them only.
+    Two lines match by the same name and content; else by the same content; else by the same name, if one of the
+    recordings could not be read.
+
+    Returns:
+        The pairs, and the names of the recordings that only the first or only the second run has.
     """
-    pairs: list[tuple[_Run, _Run]] = []
-    gone, added = list(before), list(after)
-    rules: tuple[tuple[Callable[[_Run], Hashable], Callable[[_Run, _Run], bool]], ...] = (
+    pairs: list[tuple[_RunLine, _RunLine]] = []
+    removed, added = list(before), list(after)
+    rules: tuple[tuple[Callable[[_RunLine], Hashable], Callable[[_RunLine, _RunLine], bool]], ...] = (
         (lambda run: (run.name, run.sha256), lambda _a, _b: True),
         (lambda run: run.sha256, lambda a, _: a.sha256 is not None),
         (lambda run: run.name, lambda a, b: None in (a.sha256, b.sha256)),
     )
-    for key, fits in rules:
-        waiting: dict[Hashable, deque[_Run]] = {}
-        for run in added:
-            waiting.setdefault(key(run), deque()).append(run)
-        left = []
-        for run in gone:
-            others = waiting.get(key(run))
-            if others and fits(run, others[0]):
-                pairs.append((run, others.popleft()))
+    for key, matches in rules:
+        waiting: dict[Hashable, deque[_RunLine]] = {}
+        for line in added:
+            waiting.setdefault(key(line), deque()).append(line)
+        unmatched = []
+        for line in removed:
+            others = waiting.get(key(line))
+            if others and matches(line, others[0]):
+                pairs.append((line, others.popleft()))
             else:
-                left.append(run)
-        taken = {id(run) for _, run in pairs}
-        gone, added = left, [run for run in added if id(run) not in taken]
-    return pairs, [run.name for run in gone], [run.name for run in added]
+                unmatched.append(line)
+        matched = {id(line) for _, line in pairs}
+        removed, added = unmatched, [line for line in added if id(line) not in matched]
+    return pairs, [line.name for line in removed], [line.name for line in added]
 
 
-def _tell(changes: Sequence[Change], counts: Counter[str], gone: Sequence[str], added: Sequence[str]) -> None:
-    words = {
-        "lost": "no model any more",
-        "topology": "other topology",
-        "doubts": "other doubts",
-        "radius": "another radius",
-        "moved": "moved",
-        "error": "another error",
-        "gained": "a model now",
-        "same": "the same",
+def _print_changes(
+    changes: Sequence[Change], counts: Counter[str], removed: Sequence[str], added: Sequence[str]
+) -> None:
+    labels = {
+        "lost": "model lost",
+        "topology": "topology changed",
+        "doubts": "ambiguities changed",
+        "radius": "radius changed",
+        "moved": "lines moved",
+        "error": "error changed",
+        "gained": "model gained",
+        "same": "unchanged",
     }
     for kind in KINDS:
         if counts[kind]:
-            print(f"{counts[kind]:6d}  {words[kind]}")
-    for names, where in ((gone, "before"), (added, "after")):
+            print(f"{counts[kind]:6d}  {labels[kind]}")
+    for names, where in ((removed, "before"), (added, "after")):
         if names:
             print(f"{len(names):6d}  only {where}")
-    width = max(map(len, words.values()))
+    width = max(map(len, labels.values()))
     for one in changes:
         if one.kind != "same":
-            print(f"{words[one.kind]:{width}s}  {one.recording}  {one.what}")
-    for names, where in ((gone, "before"), (added, "after")):
+            print(f"{labels[one.kind]:{width}s}  {one.recording}  {one.what}")
+    for names, where in ((removed, "before"), (added, "after")):
         for name in names:
             print(f"{f'only {where}':{width}s}  {name}")

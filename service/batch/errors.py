@@ -1,8 +1,8 @@
-"""What a run over many recordings, or a comparison, cannot go on with."""
+"""Errors of a batch run or comparison."""
 
-EXTRA = "install the package with it, as 'WHEEL[archive]' in place of WHEEL"
-"""What to do where packages are missing."""
+INSTALL_EXTRA = "install the package with it, as 'WHEEL[archive]' in place of WHEEL"
+"""Advice if packages are missing."""
 
 
-class ArchiveError(Exception):
-    """Says what is wrong and what to do."""
+class BatchError(Exception):
+    """A run or comparison cannot continue. The message says why and what to do."""

@@ -1,4 +1,4 @@
-"""Lines in a file: as JSON lines, or as a Parquet table with a row for each."""
+"""File formats of the output: JSON lines, or a Parquet table with one row per line."""
 
 import json
 import os
@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from calibration.atomic_write import sync_folder
-from service.batch.errors import EXTRA, ArchiveError
+from service.batch.errors import INSTALL_EXTRA, BatchError
 
 PARQUET = ".parquet"
 SUFFIXES = (".jsonl", PARQUET)
-ROWS = 200
-"""That are held at a time: a model has some ten kilobytes."""
+ROWS_PER_GROUP = 200
+"""Rows in memory at a time. A model has about ten kilobytes."""
 
 
-def lines_of(path: Path) -> Iterator[str]:
-    """The lines of a file that `write_lines` wrote, or of what `pointchain recognise` printed.
+def read_lines(path: Path) -> Iterator[str]:
+    """Yield the lines of a file that `write_lines` wrote or `pointchain recognise` printed.
 
     Raises:
-        ArchiveError: it is not such a file.
-        OSError: it cannot be read.
+        BatchError: The file has another format.
+        OSError: The file cannot be read.
     """
     if path.suffix == PARQUET:
         yield from _parquet_lines(path)
@@ -31,15 +31,19 @@ def lines_of(path: Path) -> Iterator[str]:
         try:
             yield from (line.rstrip("\n") for line in file)
         except UnicodeDecodeError as error:
-            raise ArchiveError(f"{path} is not a file of JSON lines: {error}") from error
+            raise BatchError(f"{path} is not a file of JSON lines: {error}") from error
 
 
 def write_lines(path: Path, lines: Iterable[str]) -> None:
-    """Writes a file; one of that name is replaced in one step. On return it is on the disk.
+    """Write a file, or replace an existing one in one step. It is on the disk when this returns.
+
+    Args:
+        path: File. Its suffix selects the format.
+        lines: JSON documents without line breaks.
 
     Raises:
-        ArchiveError: the packages for Parquet are missing.
-        OSError: it cannot be written; what was there before is left alone.
+        BatchError: The packages for Parquet are missing.
+        OSError: The file cannot be written. An existing file is unchanged.
     """
     fresh = path.with_name(f"{path.name}.new")
     try:
@@ -59,11 +63,15 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
 
 
 def require_parquet() -> None:
-    """Raises ArchiveError when its packages are missing: known before hours of work rather than after them."""
+    """Check that the packages for Parquet are installed, before hours of work rather than after.
+
+    Raises:
+        BatchError: A package is missing.
+    """
     try:
-        import pyarrow.parquet  # noqa: F401 -- only whether it is there
+        import pyarrow.parquet  # noqa: F401 -- checks only whether it is installed
     except ImportError as error:
-        raise ArchiveError(f"Parquet needs the extra `archive`: {EXTRA}") from error
+        raise BatchError(f"Parquet needs the extra `archive`: {INSTALL_EXTRA}") from error
 
 
 def _write_parquet(path: Path, lines: Iterator[str]) -> None:
@@ -88,12 +96,12 @@ def _write_parquet(path: Path, lines: Iterator[str]) -> None:
         ]
     )
     with pq.ParquetWriter(path, schema, compression="zstd") as writer:
-        while rows := [_row(line) for line in islice(lines, ROWS)]:
+        while rows := [_row(line) for line in islice(lines, ROWS_PER_GROUP)]:
             writer.write_table(pa.Table.from_pylist(rows, schema))
 
 
 def _row(line: str) -> dict[str, Any]:
-    """What is asked for most in columns of their own; None where there is no model."""
+    """Return the columns of a line, with the values that are needed most. Without a model they are None."""
     document = json.loads(line)
     recording, method = document["recording"], document["asked"]["method"]
     row = {"file": _utf8(recording["file"]), "sha256": recording["sha256"], "method": method, "document": line}
@@ -111,7 +119,7 @@ def _row(line: str) -> dict[str, Any]:
 
 
 def _utf8(text: str) -> str:
-    """A file's name, or what tells of it, may hold bytes that are no text: Parquet takes none."""
+    """Escape bytes that are not valid text, which file names and messages about them may hold. Parquet rejects them."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
@@ -122,7 +130,7 @@ def _parquet_lines(path: Path) -> Iterator[str]:
 
     try:
         with pq.ParquetFile(path) as table:
-            for batch in table.iter_batches(ROWS, columns=["document"]):
+            for batch in table.iter_batches(ROWS_PER_GROUP, columns=["document"]):
                 yield from batch.column(0).to_pylist()
     except (pa.ArrowInvalid, KeyError, IndexError) as error:
-        raise ArchiveError(f"{path} is not the output of pointchain recognise: {error}") from error
+        raise BatchError(f"{path} is not the output of pointchain recognise: {error}") from error

@@ -1,4 +1,4 @@
-"""What changed in the model of one recording from one run to another."""
+"""Comparison of the models of one recording from two runs."""
 
 import re
 from collections import Counter
@@ -10,48 +10,57 @@ import numpy as np
 
 from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 from cell.simulation.evaluation.metrics import score
-from service.batch.errors import ArchiveError
+from service.batch.errors import BatchError
 
 Kind = Literal["lost", "topology", "doubts", "radius", "moved", "error", "gained", "same"]
-"""Most serious first: no model any more; other strings, order, or over and under; other ambiguities; another radius;
-lines elsewhere; another error; a model where there was none; nothing."""
+"""Kinds of change, the most serious first.
+
+`lost`: there is no model any more. `topology`: other strings, another order of crossings, or over and under exchanged.
+`doubts`: other ambiguities. `radius`: another radius. `moved`: lines moved. `error`: another error. `gained`: there was
+no model before. `same`: nothing changed.
+"""
 KINDS: tuple[Kind, ...] = ("lost", "topology", "doubts", "radius", "moved", "error", "gained", "same")
 
 
 @dataclass(frozen=True)
 class Change:
-    """Of one recording."""
+    """The change of one recording."""
 
     recording: str
     kind: Kind
     what: str = ""
-    """In words."""
+    """Description, empty if nothing changed."""
     mean_m: float | None = None
-    """Mean distance of the lines after from those before; None without lines to measure between."""
+    """Mean distance of the new lines from the old ones, metres. None: there are no lines to compare."""
     worst_m: float | None = None
-    """The largest, measured from either."""
+    """Largest distance between old and new lines, in both directions, metres."""
 
 
-def change(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], tolerance_m: float) -> Change:
-    """Compares two documents of schema `pointchain/1`, models or errors. Lines that moved, and radii that differ, by
-    less than `tolerance_m` count as the same.
+def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], tolerance_m: float) -> Change:
+    """Compare two documents of schema `pointchain/1`, each a model or an error.
+
+    Args:
+        recording: Name of the recording.
+        before: Document of the first run.
+        after: Document of the second run.
+        tolerance_m: Limit below which moved lines and different radii count as the same, metres.
 
     Raises:
-        ArchiveError: one is no such document.
+        BatchError: A document has another schema.
     """
     try:
         if "error" in before or "error" in after:
-            return _of_errors(recording, before.get("error"), after.get("error"))
+            return _compare_errors(recording, before.get("error"), after.get("error"))
         if before["chains"] == after["chains"] and before["crossings"] == after["crossings"]:
             mean, worst = (0.0, 0.0) if before["chains"] else (None, None)
             topology = ""
         else:
-            mean, worst = _moved(before, after)
-            topology = _topology(before, after)
-        doubts = _doubts(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
-        radius = _radii(before["chains"], after["chains"], tolerance_m)
+            mean, worst = _line_distances(before, after)
+            topology = _compare_topology(before, after)
+        doubts = _compare_ambiguities(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
+        radius = _compare_radii(before["chains"], after["chains"], tolerance_m)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # ScoringError is a ValueError
-        raise ArchiveError(f"{recording}: one of the documents is not of schema pointchain/1: {error!r}") from error
+        raise BatchError(f"{recording}: one of the documents is not of schema pointchain/1: {error!r}") from error
     moved = "" if worst is None or worst <= tolerance_m else f"{_mm(worst)} at most, {_mm(mean)} on average"
     found: dict[Kind, str] = {"topology": topology, "doubts": doubts, "radius": radius, "moved": moved}
     kinds: list[Kind] = [kind for kind, what in found.items() if what]
@@ -60,7 +69,7 @@ def change(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], 
     )
 
 
-def _of_errors(recording: str, before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Change:
+def _compare_errors(recording: str, before: Mapping[str, Any] | None, after: Mapping[str, Any] | None) -> Change:
     if before is None:
         assert after is not None
         return Change(recording, "lost", str(after["detail"]))
@@ -71,8 +80,8 @@ def _of_errors(recording: str, before: Mapping[str, Any] | None, after: Mapping[
     return Change(recording, "same")
 
 
-def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, float] | tuple[None, None]:
-    """Mean and largest distance of the lines."""
+def _line_distances(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, float] | tuple[None, None]:
+    """Return the mean and the largest distance of the lines, metres."""
     old, new = (
         [
             Polyline.of(np.array(chain["points"]), chain["closed"])
@@ -83,30 +92,30 @@ def _moved(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, 
     )
     if not (old and new):
         return None, None
-    there, back = (
+    to_old, to_new = (
         NearestPoints(lines).distance(np.vstack([line.densely_sampled() for line in others]))
         for lines, others in ((old, new), (new, old))
     )
-    return float(there.mean()), float(max(there.max(), back.max()))
+    return float(to_old.mean()), float(max(to_old.max(), to_new.max()))
 
 
-def _topology(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
-    """How the strings, their order, or over and under differ; empty if they do not."""
-    judged = score(after, _as_truth(before))
-    if judged.topology:
+def _compare_topology(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """Return how the strings, their order, or over and under differ; empty if they do not."""
+    scored = score(after, _as_truth(before))
+    if scored.topology:
         return ""
     counts = [
         f"{len(before[name])} {name} became {len(after[name])}"
         for name in ("chains", "crossings")
         if len(before[name]) != len(after[name])
     ]
-    if judged.confident_mistakes:
-        counts.append(f"over and under exchanged at {judged.confident_mistakes}")
-    return ", ".join(counts) or "another way along the strings, or over and under exchanged in doubt"
+    if scored.confident_mistakes:
+        counts.append(f"over and under exchanged at {scored.confident_mistakes}")
+    return ", ".join(counts) or "another path along the strings, or over and under exchanged where they are uncertain"
 
 
 def _as_truth(model: Mapping[str, Any]) -> dict[str, Any]:
-    """The model in the form of a truth, so that another one can be judged by it."""
+    """Return a model in the form of a ground truth, so that another model can be scored against it."""
     chains = [chain for chain in model["chains"] if len(chain["points"]) > 1]
     number = {chain["id"]: k for k, chain in enumerate(chains)}
     return {
@@ -126,16 +135,16 @@ def _as_truth(model: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _doubts(before: Sequence[str], after: Sequence[str]) -> str:
-    """By their words, but for the figures in them, which change by themselves."""
+def _compare_ambiguities(before: Sequence[str], after: Sequence[str]) -> str:
+    """Return how the ambiguities differ, without the numbers in their text, which always change a little."""
     if len(before) != len(after):
         return f"{len(before)} ambiguities became {len(after)}"
-    old, new = (Counter(re.sub(r"[-\d.]+", "#", words) for words in several) for several in (before, after))
-    return f"{(new - old).total()} of {len(after)} ambiguities are others" if old != new else ""
+    old, new = (Counter(re.sub(r"[-\d.]+", "#", text) for text in texts) for texts in (before, after))
+    return f"{(new - old).total()} of {len(after)} ambiguities are different" if old != new else ""
 
 
-def _radii(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]], tolerance_m: float) -> str:
-    """Of as many strings, smallest first; that there are more or fewer is told already."""
+def _compare_radii(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]], tolerance_m: float) -> str:
+    """Return how the radii differ, smallest first; empty if the number of strings differs, which is topology."""
     old, new = (sorted(chain["radius_m"] for chain in chains) for chains in (before, after))
     pairs = [(a, b) for a, b in zip(old, new, strict=False) if abs(a - b) > tolerance_m]
     if len(old) != len(new) or not pairs:

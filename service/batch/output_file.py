@@ -1,7 +1,7 @@
-"""The file of a run's lines, which can be stopped, or killed, at any moment and gone on with.
+"""Output file of a run, which can be stopped or killed at any moment and continued later.
 
-While a run goes on its lines are in FILE.part, each on the disk before the next one. FILE is written when all
-recordings have theirs, in one step and in the order asked for, so it is whole whenever it is there.
+During a run its lines are in FILE.part. Each line is on the disk before the next one starts. FILE is written when all
+recordings have a line, in one step and in the requested order. A file with this name is therefore always complete.
 """
 
 import json
@@ -12,177 +12,215 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from service.batch.errors import ArchiveError
-from service.batch.formats import lines_of, write_lines
-from service.batch.recognise_file import Asked, Line, sha256_of
+from service.batch.errors import BatchError
+from service.batch.formats import read_lines, write_lines
+from service.batch.recognise_file import RecognitionRequest, RecordingLine, hash_recording
 
-TRIED_AGAIN = ("recording-unreadable", "file", "internal", "recognition-crashed")
-"""Errors that are the machine's or ours rather than the recording's: the next run tries those again."""
+RETRIED_ERRORS = ("recording-unreadable", "file", "internal", "recognition-crashed")
+"""Errors of the machine or of Pointchain, not of the recording. The next run tries these recordings again."""
 
 
 @dataclass(frozen=True)
-class _Known:
-    """A line of the part file."""
+class _PartLine:
+    """Position and key values of a line in the part file."""
 
     offset_bytes: int
     size_bytes: int
     sha256: str | None
-    """Of the recording."""
+    """SHA-256 of the recording."""
     error: str | None
-    """Its slug."""
+    """Slug of the error. None: the line holds a model."""
 
 
-class Output:
-    """The lines of a run, those of earlier ones among them."""
+class OutputFile:
+    """The lines of a run and of the earlier runs that it continues."""
 
-    def __init__(self, path: Path, part: IO[bytes], asked: Asked) -> None:
-        self._path, self._part, self._asked = path, part, asked
-        self._known: dict[str, _Known] = {}
+    def __init__(self, path: Path, part: IO[bytes], request: RecognitionRequest) -> None:
+        self._path, self._part, self._request = path, part, request
+        self._lines: dict[str, _PartLine] = {}
         self.finished = False
-        """All is in its place."""
+        """Whether the output file holds all lines."""
 
     @property
-    def begun(self) -> bool:
-        """There are lines that would be lost without the part file."""
+    def has_lines(self) -> bool:
+        """Whether the part file has lines, which would be lost with it."""
         return self._part.seek(0, os.SEEK_END) > 0
 
-    def others(self, files: Sequence[str]) -> int:
-        """How many lines there are of recordings that were not asked for now."""
-        return len(self._known.keys() - set(files))
+    def count_others(self, files: Sequence[str]) -> int:
+        """Return the number of lines of recordings other than `files`."""
+        return len(self._lines.keys() - set(files))
 
-    def failures(self, files: Sequence[str]) -> int:
-        """How many of them have no model."""
-        return sum(self._known[file].error is not None for file in files)
+    def count_failures(self, files: Sequence[str]) -> int:
+        """Return how many of `files` have no model."""
+        return sum(self._lines[file].error is not None for file in files)
 
-    def left(self, files: Sequence[str]) -> list[str]:
-        """Which of them have no line yet, or one of another content, or one that is worth another trial.
+    def remaining(self, files: Sequence[str]) -> list[str]:
+        """Return the files that must be recognised: without a line, with changed content, or with a retried error.
 
-        A model of a file that is gone stays. What was done under another name has its line under this one too, on the
-        disk on return. Raises OSError.
+        The line of a file that no longer exists is kept. If another file with the same content has a line, it is
+        copied under the name of this file. The copies are on the disk when this returns.
+
+        Args:
+            files: Names of the recordings.
+
+        Raises:
+            OSError: The part file cannot be written.
         """
-        done = {known.sha256: known for known in self._known.values() if known.error not in TRIED_AGAIN}
-        left = []
+        done = {line.sha256: line for line in self._lines.values() if line.error not in RETRIED_ERRORS}
+        remaining = []
         for file in files:
-            sha256 = sha256_of(Path(file))
-            known = self._known.get(file)
-            if known is not None and known.error not in TRIED_AGAIN and sha256 in (known.sha256, None):
+            sha256 = hash_recording(Path(file))
+            line = self._lines.get(file)
+            if line is not None and line.error not in RETRIED_ERRORS and sha256 in (line.sha256, None):
                 continue
             if sha256 is not None and sha256 in done:
-                self._take_over(done[sha256], file)
+                self._copy_for(done[sha256], file)
             else:
-                left.append(file)
+                remaining.append(file)
         self._sync()
-        return left
+        return remaining
 
-    def add(self, line: Line) -> None:
-        """Keeps a line: on the disk on return. Raises OSError."""
-        self._take(line.text.encode(), json.loads(line.text))
+    def add(self, line: RecordingLine) -> None:
+        """Add a line. It is on the disk when this returns.
+
+        Raises:
+            OSError: The part file cannot be written.
+        """
+        self._append(line.text.encode(), json.loads(line.text))
         self._sync()
 
     def finish(self, files: Sequence[str]) -> None:
-        """Writes the lines to their place: what was there of other files, then `files`. Raises OSError."""
-        wanted = {file: self._known[file].sha256 for file in files}
-        under = {sha256: file for file, sha256 in wanted.items()}
-        for name, known in list(self._known.items()):
-            if name not in wanted and known.sha256 in under and _same_or_gone(name, under[known.sha256]):
-                del self._known[name]
-        order = [*(name for name in self._known if name not in wanted), *files]
-        write_lines(self._path, (self._line(self._known[file]) for file in order))
+        """Write the output file: first the lines of other recordings, then those of `files`.
+
+        Lines of other names for the same recordings are dropped.
+
+        Args:
+            files: Names of the recordings, in the requested order.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
+        requested = {file: self._lines[file].sha256 for file in files}
+        file_by_hash = {sha256: file for file, sha256 in requested.items()}
+        for name, line in list(self._lines.items()):
+            if (
+                name not in requested
+                and line.sha256 in file_by_hash
+                and _is_alias_or_missing(name, file_by_hash[line.sha256])
+            ):
+                del self._lines[name]
+        order = [*(name for name in self._lines if name not in requested), *files]
+        write_lines(self._path, (self._text_of(self._lines[file]) for file in order))
         self.finished = True
 
     def _sync(self) -> None:
         self._part.flush()
         os.fsync(self._part.fileno())
 
-    def _take_over(self, known: _Known, file: str) -> None:
-        """The line as one of `file`, which has the same content."""
-        document = json.loads(self._line(known))
+    def _copy_for(self, line: _PartLine, file: str) -> None:
+        """Append a copy of a line for `file`, which has the same content."""
+        document = json.loads(self._text_of(line))
         document["recording"]["file"] = file
         if "error" in document:
             document["error"]["file"] = file
-        self._take(json.dumps(document, allow_nan=False).encode(), document)
+        self._append(json.dumps(document, allow_nan=False).encode(), document)
 
-    def _take(self, text: bytes, document: dict[str, Any]) -> None:
+    def _append(self, text: bytes, document: dict[str, Any]) -> None:
         offset = self._part.seek(0, os.SEEK_END)
         self._part.write(text + b"\n")
-        self._remember(document, offset, len(text))
+        self._register(document, offset, len(text))
 
-    def _parsed(self, text: str) -> dict[str, Any]:
-        """A line that this run may have made. Raises ArchiveError."""
+    def _parse(self, text: str) -> dict[str, Any]:
+        """Return the document of a line.
+
+        Raises:
+            BatchError: The line is not of `pointchain recognise`, or was made for another request.
+        """
         try:
             document = json.loads(text)
             asked, _ = dict(document["asked"]), document["recording"]["sha256"]
         except (ValueError, KeyError, TypeError) as error:
-            raise ArchiveError(f"{self._path} is there, and no output of such a run: name another file") from error
-        ours = self._asked.to_json()
-        if asked != ours:
-            differing = [key for key in {**ours, **asked} if asked.get(key) != ours.get(key)]
-            what = ", ".join(f"{key} {asked.get(key)}, now {ours.get(key)}" for key in differing)
-            raise ArchiveError(f"{self._path} has models that were asked for otherwise ({what}): name another file")
+            raise BatchError(
+                f"{self._path} exists and is not the output of pointchain recognise: name another file"
+            ) from error
+        requested = self._request.to_json()
+        if asked != requested:
+            differing = [key for key in {**requested, **asked} if asked.get(key) != requested.get(key)]
+            what = ", ".join(f"{key} {asked.get(key)}, now {requested.get(key)}" for key in differing)
+            raise BatchError(f"{self._path} has models of other settings ({what}): name another file")
         return document
 
-    def _remember(self, document: dict[str, Any], offset: int, size: int) -> None:
+    def _register(self, document: dict[str, Any], offset: int, size: int) -> None:
         recording, error = document["recording"], document.get("error")
         slug = None if error is None else error["type"].removeprefix("urn:pointchain:")
-        self._known[recording["file"]] = _Known(offset, size, recording["sha256"], slug)
+        self._lines[recording["file"]] = _PartLine(offset, size, recording["sha256"], slug)
 
-    def _line(self, known: _Known) -> str:
-        self._part.seek(known.offset_bytes)
-        return self._part.read(known.size_bytes).decode()
+    def _text_of(self, line: _PartLine) -> str:
+        self._part.seek(line.offset_bytes)
+        return self._part.read(line.size_bytes).decode()
 
     def load(self) -> None:
-        """Reads what earlier runs left: of a line that one was killed in nothing is kept.
+        """Read the lines of earlier runs. An incomplete last line, left by a killed run, is cut off.
 
         Raises:
-            ArchiveError: it is no output, or of a run that was asked otherwise.
+            BatchError: A file is not the output of `pointchain recognise`, or was made for another request.
         """
         self._part.seek(0)
         offset = 0
         for text in self._part:
             if not text.endswith(b"\n"):
                 break
-            self._remember(self._parsed(text.decode()), offset, len(text) - 1)
+            self._register(self._parse(text.decode()), offset, len(text) - 1)
             offset += len(text)
         self._part.truncate(offset)
-        # Each time, since a run may be killed here too: what is not in the part file now would be lost in the end.
-        for text in lines_of(self._path) if self._path.exists() else ():
-            document = self._parsed(text)
-            if document["recording"]["file"] not in self._known:
-                self._take(text.encode(), document)
+        # finish() writes only lines of the part file, so every run copies the missing ones: the last may be killed here
+        for text in read_lines(self._path) if self._path.exists() else ():
+            document = self._parse(text)
+            if document["recording"]["file"] not in self._lines:
+                self._append(text.encode(), document)
 
 
 @contextmanager
-def output(path: Path, asked: Asked) -> Iterator[Output]:
-    """The output at `path`, with what is there of an earlier run; `finish` must be called in the block.
+def open_output(path: Path, request: RecognitionRequest) -> Iterator[OutputFile]:
+    """Open the output at `path` with the lines of earlier runs. The caller must call `finish` in the block.
+
+    Args:
+        path: Output file.
+        request: How the recordings are recognised.
 
     Raises:
-        ArchiveError: what is there is of another kind, was asked for otherwise, or is being written; or the file
+        BatchError: The file is something else, was made for another request, is being written by another run, or
             cannot be written.
     """
     part_path = path.with_name(f"{path.name}.part")
     try:
-        with _locked(part_path, path) as part:
-            lines = Output(path, part, asked)
+        with _open_locked(part_path, path) as part:
+            output = OutputFile(path, part, request)
             try:
-                lines.load()
-                yield lines
+                output.load()
+                yield output
             finally:
-                if lines.finished or not lines.begun:
+                if output.finished or not output.has_lines:
                     part_path.unlink()
     except OSError as error:
-        raise ArchiveError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
+        raise BatchError(f"{error.filename or path} cannot be written: {error.strerror or error}") from error
 
 
-def _same_or_gone(name: str, file: str) -> bool:
-    """Whether `name` is only another way to `file`, or where it was before."""
+def _is_alias_or_missing(name: str, file: str) -> bool:
+    """Return whether `name` is another path to `file`, or no longer exists."""
     try:
         return Path(name).samefile(file)
     except OSError:
         return not Path(name).exists()
 
 
-def _locked(part_path: Path, path: Path) -> IO[bytes]:
-    """The part file, open, for this run alone. Raises ArchiveError, OSError."""
+def _open_locked(part_path: Path, path: Path) -> IO[bytes]:
+    """Open and lock the part file.
+
+    Raises:
+        BatchError: Another run has locked it.
+        OSError: It cannot be opened.
+    """
     while True:
         part = part_path.open("a+b")
         try:
@@ -192,15 +230,15 @@ def _locked(part_path: Path, path: Path) -> IO[bytes]:
         except BaseException:
             part.close()
             raise
-        part.close()  # another run has just ended, and removed it
+        part.close()  # another run has just ended and removed this file
 
 
 def _lock(part: IO[bytes], path: Path) -> None:
     try:
         import fcntl
-    except ImportError:  # not POSIX: nobody is kept out
+    except ImportError:  # only POSIX has this lock
         return
     try:
         fcntl.flock(part, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise ArchiveError(f"{path} is being written by another run") from error
+        raise BatchError(f"{path} is being written by another run: wait for it, or name another file") from error

@@ -1,4 +1,4 @@
-"""`pointchain recognise`: recordings in, one JSON document a line out."""
+"""`pointchain recognise`: recordings in, one JSON document per line out."""
 
 import os
 import sys
@@ -9,45 +9,55 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from service.batch.cluster import local_cluster, on_cluster
-from service.batch.errors import ArchiveError
+from service.batch.cluster import local_cluster, recognise_on_cluster
+from service.batch.errors import BatchError
 from service.batch.formats import PARQUET, require_parquet
-from service.batch.output_file import output
-from service.batch.recognise_file import Asked, Line, recognise_file
+from service.batch.output_file import open_output
+from service.batch.recognise_file import RecognitionRequest, RecordingLine, recognise_file
 
 
 @dataclass(frozen=True)
-class Where:
-    """Where the work is done, and where its lines go."""
+class RunOptions:
+    """Where a run does its work, and where it writes.
+
+    With neither `jobs` nor `cluster`, this process recognises the recordings one after the other.
+    """
 
     out: Path | None = None
-    """The file for them; None: stdout."""
+    """Output file. None: stdout."""
     jobs: int | None = None
-    """How many processes of this machine."""
+    """Number of local processes."""
     cluster: str | None = None
-    """Address of a Dask scheduler. Neither: this process, one after the other."""
+    """Address of a Dask scheduler."""
     trace: Path | None = None
-    """Folder for pictures of every stage; in this process only."""
+    """Folder for pictures of every stage. Only a run in this process writes them."""
 
 
-def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
-    """Recognises each recording; its model, or `{"schema", "error"}`, is a line of its own, in the order given.
+def recognise(files: Sequence[Path], request: RecognitionRequest, options: RunOptions) -> int:
+    """Recognise recordings and write one line for each, in the given order.
 
-    A folder stands for the recordings in it. A progress bar goes to stderr when that is a terminal. Returns 1 when a
-    file failed, or the run cannot go on, which is told; else 0.
+    A line holds the model, or `{"schema", "error"}`. A progress bar goes to stderr if that is a terminal.
+
+    Args:
+        files: Recordings. A folder stands for all recordings in it.
+        request: How to recognise them.
+        options: Where to work and write.
+
+    Returns:
+        Exit code: 0 if every recording has a model; 1 if one failed, or if the run stopped with a message on stderr.
     """
     try:
         names = [str(name) for file in files for name in _recordings(file)]
-        once = list(dict.fromkeys(names))
-        if where.trace is not None:
-            _require_names_of_their_own(once)
-        if where.out is not None:
-            return _kept(once, asked, where, where.out)
+        unique = list(dict.fromkeys(names))
+        if options.trace is not None:
+            _require_unique_stems(unique)
+        if options.out is not None:
+            return _write_output(unique, request, options, options.out)
         failed = 0
-        for line in _in_order(names, _lines(once, asked, where)):
+        for line in _in_order(names, _recognise_all(unique, request, options)):
             print(line.text, flush=True)
             failed += line.reason is not None
-    except ArchiveError as error:
+    except BatchError as error:
         print(f"pointchain recognise: {error}", file=sys.stderr)
         return 1
     return 1 if failed else 0
@@ -56,85 +66,85 @@ def recognise(files: Sequence[Path], asked: Asked, where: Where) -> int:
 def _recordings(file: Path) -> list[Path]:
     if not file.is_dir():
         return [file]
-    found, been = [], set()
-    for folder, folders, names in os.walk(file, followlinks=True, onerror=_tell_unreadable):
-        there = Path(folder).resolve()
-        if there in been:  # by a link, maybe to a folder above it
+    found, visited = [], set()
+    for folder, folders, names in os.walk(file, followlinks=True, onerror=_raise_unreadable):
+        resolved = Path(folder).resolve()
+        if resolved in visited:  # reached by a link, perhaps to a parent folder
             folders.clear()
             continue
-        been.add(there)
+        visited.add(resolved)
         found += [Path(folder, name) for name in names if name.endswith(".mcap")]
     if not found:
-        raise ArchiveError(f"the folder {file} has no recordings (*.mcap)")
+        raise BatchError(f"the folder {file} has no recordings (*.mcap)")
     return sorted(found)
 
 
-def _tell_unreadable(error: OSError) -> NoReturn:
-    raise ArchiveError(f"the folder {error.filename} cannot be read: {error.strerror or error}") from error
+def _raise_unreadable(error: OSError) -> NoReturn:
+    raise BatchError(f"the folder {error.filename} cannot be read: {error.strerror or error}") from error
 
 
-def _require_names_of_their_own(names: Sequence[str]) -> None:
-    """Raises ArchiveError: the pictures of two recordings would be in one folder."""
+def _require_unique_stems(names: Sequence[str]) -> None:
+    """Raise BatchError if the pictures of two recordings would share a folder."""
     count = Counter(Path(name).stem for name in names)
-    twice = sorted(stem for stem in count if count[stem] > 1)
-    if twice:
-        raise ArchiveError(
-            f"{count[twice[0]]} recordings are called {twice[0]}, and their pictures would be in one folder: give them "
-            "one by one, each with a --trace of its own"
+    repeated = sorted(stem for stem in count if count[stem] > 1)
+    if repeated:
+        raise BatchError(
+            f"{count[repeated[0]]} recordings are called {repeated[0]}, and their pictures would share one folder: "
+            "run the command once for each, with different folders for --trace"
         )
 
 
-def _kept(names: Sequence[str], asked: Asked, where: Where, out: Path) -> int:
-    """The same into a file, which an earlier run may have begun."""
+def _write_output(names: Sequence[str], request: RecognitionRequest, options: RunOptions, out: Path) -> int:
+    """Write the lines to a file, which an earlier run may have begun, and return the exit code."""
     if out.suffix == PARQUET:
         require_parquet()
-    with output(out, asked) as lines:
-        left = lines.left(names)
-        for line in _lines(left, asked, where):
-            lines.add(line)
-        lines.finish(names)
-        failed, others = lines.failures(names), lines.others(names)
+    with open_output(out, request) as output:
+        remaining = output.remaining(names)
+        for line in _recognise_all(remaining, request, options):
+            output.add(line)
+        output.finish(names)
+        failed, others = output.count_failures(names), output.count_others(names)
     print(
         f"{out}: {len(names) - failed} of {len(names)} recordings have a model, "
-        f"{len(names) - len(left)} had their line already"
-        + (f"; {others} more lines, of recordings not asked for now, stay" if others else ""),
+        f"{len(names) - len(remaining)} were done before"
+        + (f"; {others} lines of other recordings were kept" if others else ""),
         file=sys.stderr,
     )
     return 1 if failed else 0
 
 
-def _lines(names: Sequence[str], asked: Asked, where: Where) -> Iterator[Line]:
-    """The lines as they come, with what a person is told of them."""
+def _recognise_all(names: Sequence[str], request: RecognitionRequest, options: RunOptions) -> Iterator[RecordingLine]:
+    """Yield each line as soon as it is done, and print its messages to stderr."""
     from tqdm import tqdm
 
     if not names:
         return
     with ExitStack() as stack:
         bar = stack.enter_context(tqdm(total=len(names), unit="recording", disable=not sys.stderr.isatty()))
-        if where.cluster is not None:
-            coming = on_cluster(names, asked, where.cluster)
-        elif where.jobs is not None:
-            coming = on_cluster(names, asked, stack.enter_context(local_cluster(where.jobs)))
+        if options.cluster is not None:
+            lines = recognise_on_cluster(names, request, options.cluster)
+        elif options.jobs is not None:
+            lines = recognise_on_cluster(names, request, stack.enter_context(local_cluster(options.jobs)))
         else:
-            coming = (recognise_file(name, asked, where.trace, bar.set_postfix_str) for name in names)
-        for line in coming:
+            lines = (recognise_file(name, request, options.trace, bar.set_postfix_str) for name in names)
+        for line in lines:
             bar.update()
             for message in line.notes if line.reason is None else (line.reason,):
                 bar.write(f"pointchain recognise: {line.file}: {message}", file=sys.stderr)
             yield line
 
 
-def _in_order(names: Sequence[str], lines: Iterator[Line]) -> Iterator[Line]:
-    """The lines in the order of `names`, which may have one twice; each as soon as those before it are there."""
-    early: dict[str, Line] = {}
-    to_come = Counter(names)
-    wanted = iter(names)
-    name = next(wanted, None)
+def _in_order(names: Sequence[str], lines: Iterator[RecordingLine]) -> Iterator[RecordingLine]:
+    """Yield the lines in the order of `names`, each as soon as all before it are done. A name may occur twice."""
+    waiting: dict[str, RecordingLine] = {}
+    uses_left = Counter(names)
+    ordered = iter(names)
+    name = next(ordered, None)
     for line in lines:
-        early[line.file] = line
-        while name in early:
-            yield early[name]
-            to_come[name] -= 1
-            if not to_come[name]:
-                del early[name]
-            name = next(wanted, None)
+        waiting[line.file] = line
+        while name in waiting:
+            yield waiting[name]
+            uses_left[name] -= 1
+            if not uses_left[name]:
+                del waiting[name]
+            name = next(ordered, None)

@@ -1,4 +1,4 @@
-"""One recording to one line: its model, or why there is none, with what it is of and how it was asked for."""
+"""Recognition of one recording to one line of output, which holds the model or the error."""
 
 import hashlib
 import json
@@ -21,65 +21,75 @@ from service.processing.stage_figures import write_trace
 
 
 @dataclass(frozen=True)
-class Asked:
-    """How recordings are to be recognised: what a line must agree in to stand for another one of its recording."""
+class RecognitionRequest:
+    """How recordings are to be recognised. A line is reused only for an equal request."""
 
     method: Method = "graph"
     radius_m: float | None = None
-    """Of the strings; None for the recording's own, else it is measured."""
+    """Radius of the strings. None: the radius in the recording; if it has none, the radius is measured."""
     gripper: Gripper = field(default_factory=Gripper)
-    """That grasps are for."""
+    """Gripper for which grasps are planned."""
     version: str = field(default_factory=lambda: version("pointchain"))
     settings: Mapping[str, float] = field(default_factory=dict)
-    """Parameter values by name, in place of those for the radius."""
+    """Parameter values by name, which replace those for the radius."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the member `asked` of a line. A radius that is NaN or infinite, which is refused, becomes text.
+        """Return the member `asked` of a line, without `settings` if none are set.
 
-        `settings` is left out when nothing was set.
+        A radius that is NaN or infinite becomes text. Recognition rejects it.
         """
-        told = self.radius_m is None or math.isfinite(self.radius_m)
-        document = asdict(self) | {"radius_m": self.radius_m if told else str(self.radius_m)}
+        is_json_number = self.radius_m is None or math.isfinite(self.radius_m)
+        document = asdict(self) | {"radius_m": self.radius_m if is_json_number else str(self.radius_m)}
         if not self.settings:
             del document["settings"]
         return document
 
 
 @dataclass(frozen=True)
-class Line:
-    """What came of one recording."""
+class RecordingLine:
+    """Output for one recording."""
 
     file: str
-    """As it was asked for."""
+    """Name of the recording, as given by the caller."""
     text: str
-    """One JSON document, without a line break: the model, or `{"schema", "error"}`, and `recording` and `asked`."""
+    """One JSON document without line breaks, with `recording`, `asked`, and the model or `schema` and `error`."""
     reason: str | None = None
-    """Why there is no model."""
+    """Reason why there is no model. None: there is one."""
     notes: tuple[str, ...] = ()
     """Messages about views that the model does not use."""
 
 
 def recognise_file(
-    file: str, asked: Asked, trace: Path | None = None, on_stage: OnStage | None = None, path: Path | None = None
-) -> Line:
-    """Recognises a recording. `path` is where it is, when `file` is only what to call it.
+    file: str,
+    request: RecognitionRequest,
+    trace: Path | None = None,
+    on_stage: OnStage | None = None,
+    path: Path | None = None,
+) -> RecordingLine:
+    """Recognise a recording. Errors become a line too, so that one file cannot end the run.
 
-    Raises nothing: whatever is wrong with one file must not take the others' results.
+    Args:
+        file: Name of the recording, for the line.
+        request: How to recognise it.
+        trace: Folder for pictures of every stage. None: no pictures.
+        on_stage: Called with the name of each stage.
+        path: The file, if its name is not `file`.
     """
     path = Path(file) if path is None else path
     try:
-        recognition = recognise_recording(path, asked.radius_m, asked.method, on_stage, asked.gripper, asked.settings)
-        line = replace(_line(file, asked, recognition.model.to_json(), path), notes=_notes(recognition.model))
+        recognition = recognise_recording(
+            path, request.radius_m, request.method, on_stage, request.gripper, request.settings
+        )
+        line = replace(_line(file, request, recognition.model.to_json(), path), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:
-        return failed(file, asked, error.slug, str(error), path)
+        return failed_line(file, request, error.slug, str(error), path)
     except OSError as error:
-        return failed(file, asked, "file", f"{error.filename or file}: {error.strerror or error}", path)
-    except BaseException as error:  # a panic of native code is no Exception
+        return failed_line(file, request, "file", f"{error.filename or file}: {error.strerror or error}", path)
+    except BaseException as error:  # a panic of native code is not an Exception
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
-        # A fault of ours is told, with all that helps to mend it.
-        traceback.print_exc(file=sys.stderr)
-        return failed(file, asked, "internal", f"unexpected error, please report it: {error!r}", path)
+        traceback.print_exc(file=sys.stderr)  # an error in Pointchain needs the whole traceback
+        return failed_line(file, request, "internal", f"unexpected error, please report it: {error!r}", path)
     if trace is not None:
         _write_trace(recognition, trace / path.stem, path)
     return line
@@ -90,16 +100,16 @@ def _notes(model: PointChainModel) -> tuple[str, ...]:
     return tuple(f"view {view.index} was not used: {view.reason}" for view in model.quality.views if not view.used)
 
 
-def failed(file: str, asked: Asked, slug: str, reason: str, path: Path) -> Line:
-    """The line of a recording without a model."""
+def failed_line(file: str, request: RecognitionRequest, slug: str, reason: str, path: Path) -> RecordingLine:
+    """Return the line of a recording without a model."""
     document = {"schema": SCHEMA, "error": error_document(slug, reason, file=file)}
-    return _line(file, asked, document, path, reason)
+    return _line(file, request, document, path, reason)
 
 
-def sha256_of(path: Path) -> str | None:
-    """Of a file's content; None when there is no such file, or it cannot be read."""
+def hash_recording(path: Path) -> str | None:
+    """Return the SHA-256 of a file; None if it does not exist or cannot be read."""
     try:
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # reading a pipe would block
             return None
         with path.open("rb") as content:
             return hashlib.file_digest(content, "sha256").hexdigest()
@@ -108,19 +118,22 @@ def sha256_of(path: Path) -> str | None:
 
 
 def _write_trace(recognition: Recognition, folder: Path, recording: Path) -> None:
-    """The pictures, or why there are none: the model is worth more."""
+    """Write the pictures. A failure is only reported, because the model is worth more."""
     try:
-        write_trace(recognition, folder, truth_beside(recording))
+        write_trace(recognition, folder, read_truth(recording))
     except (OSError, ValueError, KeyError) as error:
-        print(f"pointchain recognise: {recording}: no pictures: {error!r}", file=sys.stderr)
+        print(f"pointchain recognise: {recording}: no pictures were written: {error!r}", file=sys.stderr)
 
 
-def truth_beside(recording: Path) -> dict[str, Any] | None:
-    """The truth file of a simulated recording, None where there is none."""
+def read_truth(recording: Path) -> dict[str, Any] | None:
+    """Return the ground truth beside a simulated recording; None if it has none."""
     path = recording.with_suffix(".truth.json")
     return json.loads(path.read_bytes()) if path.is_file() else None
 
 
-def _line(file: str, asked: Asked, document: dict[str, Any], path: Path, reason: str | None = None) -> Line:
-    of = {"file": file, "sha256": sha256_of(path)}
-    return Line(file, json.dumps(document | {"recording": of, "asked": asked.to_json()}, allow_nan=False), reason)
+def _line(
+    file: str, request: RecognitionRequest, document: dict[str, Any], path: Path, reason: str | None = None
+) -> RecordingLine:
+    recording = {"file": file, "sha256": hash_recording(path)}
+    text = json.dumps(document | {"recording": recording, "asked": request.to_json()}, allow_nan=False)
+    return RecordingLine(file, text, reason)

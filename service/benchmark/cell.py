@@ -33,7 +33,7 @@ from service.storage.rows import ScanRow
 from service.storage.store import Store
 
 RADIUS_M = 0.0042
-"""Given, as in a cell that knows its string. To measure the radius, recognition would wait for all views."""
+"""Configured radius of the strings. To measure the radius, recognition would have to wait for all views."""
 SCANS = 3
 """Number of scans, of which the median counts. A scan before them connects, and does not count."""
 STOPS = 40
@@ -65,18 +65,22 @@ class CellTimes:
     """From the request for a stop until the arm is still."""
 
 
-def measure_cell(say: Callable[[str], None]) -> CellTimes:
-    """Scan with the simulated cell as configured by default, and stop its arm.
+def measure_cell(report: Callable[[str], None]) -> CellTimes:
+    """Scan with the simulated cell in its default configuration, and stop its arm.
 
-    `say` is called with a message on what is measured.
+    Args:
+        report: Called with a message on what is measured next.
+
+    Returns:
+        The medians of the scans, and the times of the stops.
     """
-    scans = _scans(say)
-    stops = _stops(say)
+    scans = _scans(report)
+    stops = _stops(report)
     return CellTimes(**{name: median(scan[name] for scan in scans) for name in scans[0]}, **stops)
 
 
 def cell_table(times: CellTimes) -> str:
-    """Return one row for each figure."""
+    """Return the results as a table with one row for each."""
     return table(
         ("live scan of the simulated cell, eight views", ""),
         [
@@ -95,7 +99,7 @@ def cell_table(times: CellTimes) -> str:
     )
 
 
-def _scans(say: Callable[[str], None]) -> list[dict[str, float]]:
+def _scans(report: Callable[[str], None]) -> list[dict[str, float]]:
     settings = CellSettings()
     with tempfile.TemporaryDirectory(prefix="pointchain-") as root:
         folder = DataFolder(Path(root))
@@ -104,7 +108,7 @@ def _scans(say: Callable[[str], None]) -> list[dict[str, float]]:
         try:
             timed = []
             for number in range(SCANS + 1):
-                say(f"cell: live scan {number} of {SCANS}" if number else "cell: first live scan, which connects")
+                report(f"cell: live scan {number} of {SCANS}" if number else "cell: first live scan, which connects")
                 timed.append(_scan(store, cell, jobs))
             return timed[1:]
         finally:
@@ -132,7 +136,7 @@ def _row(store: Store, scan: ScanRow) -> ScanRow:
 
 
 def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
-    """Return the times by the log of the controller, whose stamps are of the monotonic clock of this machine."""
+    """Return the times from the log of the controller, whose stamps use the monotonic clock of this machine."""
     assert scan.started_at is not None
     assert scan.ended_at is not None
     assert cell.controller_host is not None
@@ -160,7 +164,7 @@ def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
     }
 
 
-def _stops(say: Callable[[str], None]) -> dict[str, Any]:
+def _stops(report: Callable[[str], None]) -> dict[str, Any]:
     """Stop the arm at random moments of a move, and return the times."""
     settings = SimulatedArm()
     rng = random.Random(SEED)
@@ -170,10 +174,10 @@ def _stops(say: Callable[[str], None]) -> dict[str, Any]:
         try:
             for number in range(STOPS):
                 if number % 10 == 0:
-                    say(f"cell: stop {number + 1} of {STOPS}")
+                    report(f"cell: stop {number + 1} of {STOPS}")
                 arm.connect()
-                asked_s = _stop_once(arm, rng.uniform(0.05, 1.2), sign=(-1) ** number)
-                wire, still = _reached(controller.admin, asked_s)
+                requested_s = _stop_once(arm, rng.uniform(0.05, 1.2), sign=(-1) ** number)
+                wire, still = _stop_times(controller.admin, requested_s)
                 wire_s.append(wire)
                 still_s.append(still)
         finally:
@@ -197,17 +201,17 @@ def _stop_once(arm: UrArm, after_s: float, sign: int) -> float:
     moving = threading.Thread(target=move, name="motion")
     moving.start()
     time.sleep(after_s)
-    asked_s = time.monotonic()
+    requested_s = time.monotonic()
     arm.stop()
     moving.join()
-    return asked_s
+    return requested_s
 
 
-def _reached(admin: AdminClient, asked_s: float) -> tuple[float, float]:
-    """Return the seconds from the request for a stop to the controller, and to the still arm."""
+def _stop_times(admin: AdminClient, requested_s: float) -> tuple[float, float]:
+    """Return the seconds from the stop request until the controller receives it, and until the arm is still."""
     while admin.state().moving:
         time.sleep(0.01)
-    events = [event for event in admin.log() if event["stamp_s"] >= asked_s]
+    events = [event for event in admin.log() if event["stamp_s"] >= requested_s]
     arrived = [event["stamp_s"] for event in events if event["kind"] in ("braking", "command", "dashboard")]
     still = [event["stamp_s"] for event in events if event["kind"] in ("still", "motion_done")]
-    return min(arrived, default=asked_s) - asked_s, max(still, default=asked_s) - asked_s
+    return min(arrived, default=requested_s) - requested_s, max(still, default=requested_s) - requested_s

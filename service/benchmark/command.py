@@ -31,7 +31,7 @@ from service.benchmark.service_process import MeasurementError
 
 PARTS = ("speed", "cell", "service", "accuracy")
 REPORT_S = 15.0
-"""Time between two messages on the progress of the accuracy part, where stderr is not a terminal."""
+"""Time between two messages on the progress of the accuracy part, if stderr is not a terminal."""
 
 Emit = Callable[[str], None]
 
@@ -53,37 +53,38 @@ class Progress:
         """Return the time that this part and those after it still need.
 
         Args:
-            share_done: Share of the work of this part that is done, 0 to 1; None when it is not known.
+            share_done: Share of the work of this part that is done, 0 to 1. None: unknown.
         """
         pending_s = sum(self._estimates_s.values()) - self._estimates_s[self._part]
         part_s = remaining_s(self._estimates_s[self._part], time.monotonic() - self._began_s, share_done)
         return f"about {duration(pending_s + part_s)} left"
 
-    def say(self, message: str) -> None:
+    def report(self, message: str) -> None:
         """Print a message with the time that is left."""
-        _say(f"{message} ({self.left()})")
+        _log(f"{message} ({self.left()})")
 
 
 def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
     """Run one part or all parts, and print the results on stdout.
 
-    Each table is printed as soon as it is known, and the accuracy table tier by tier. JSON is one document at the end.
+    Each table is printed as soon as it is complete, and the accuracy table tier by tier. JSON is one document at the
+    end.
 
     Args:
-        only: One of `PARTS`; None for all.
-        tiers: Names of `cell.simulation.benchmark.cases.TIERS`; all when empty.
+        only: One of `PARTS`. None: all parts.
+        tiers: Names of `cell.simulation.benchmark.cases.TIERS`. Empty: all tiers.
         seeds: Number of scenes of each tier. Every method recognises each scene.
-        jobs: Number of processes of the accuracy part; None for one on each core.
+        jobs: Number of processes of the accuracy part. None: one per core.
         as_json: Print one JSON document instead of Markdown tables.
 
     Returns:
-        The exit code: 0, or 1 when an argument is wrong or a part failed.
+        Exit code: 0 on success, 1 if an argument is wrong or a part failed.
     """
     unknown = [tier for tier in tiers if tier not in TIERS]
     if unknown:
-        return _refuse(f"there is no tier {unknown[0]!r}; known are {', '.join(TIERS)}")
+        return _fail(f"there is no tier {unknown[0]!r}; known are {', '.join(TIERS)}")
     if seeds < 1 or (jobs is not None and jobs < 1):
-        return _refuse("--seeds and --jobs must be at least 1")
+        return _fail("--seeds and --jobs must be at least 1")
     tiers = tuple(dict.fromkeys(tiers or TIERS))
     jobs = min(jobs or os.cpu_count() or 1, len(tiers) * seeds)
     parts = PARTS if only is None else (only,)
@@ -103,17 +104,17 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
                 case "speed":
                     document |= _speed(progress, emit)
                 case "cell":
-                    times = measure_cell(progress.say)
+                    times = measure_cell(progress.report)
                     emit(cell_table(times))
                     document["cell"] = {name: round(value, 4) for name, value in asdict(times).items()}
                 case "service":
-                    served = measure_service(progress.say)
-                    emit(service_table(served))
-                    document["service"] = service_json(served)
+                    service_times = measure_service(progress.report)
+                    emit(service_table(service_times))
+                    document["service"] = service_json(service_times)
                 case _:
                     document |= _accuracy(tiers, seeds, jobs, progress, emit)
         except MeasurementError as error:
-            return _refuse(f"the {part} part failed: {error}; run it on a machine that does nothing else")
+            return _fail(f"the {part} part failed: {error}; run it on a machine that does nothing else")
     if as_json:
         print(json.dumps(document, allow_nan=False))
     return 0
@@ -121,7 +122,7 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
 
 def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: int) -> dict[str, float]:
     """Time a probe on this machine, and return and announce the expected seconds of each part."""
-    _say("timing a short probe to estimate the duration")
+    _log("timing a short probe to estimate the duration")
     estimates_s: dict[str, float] = {}
     if set(parts) - {"accuracy"}:
         probe = measure_probe(1)
@@ -136,14 +137,14 @@ def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: i
         "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} "
         f"in {jobs} process{'es' if jobs > 1 else ''}",
     }
-    _say(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
+    _log(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
     return estimates_s
 
 
 def _speed(progress: Progress, emit: Emit) -> dict[str, Any]:
-    speed = measure_speed(progress.say)
+    speed = measure_speed(progress.report)
     emit(f"{tables.speed_table(speed)}\n\n{tables.stages_table(speed.stages)}\n")
-    growth = measure_growth(progress.say)
+    growth = measure_growth(progress.report)
     emit(tables.growth_table(growth))
     return _speed_json(speed, growth)
 
@@ -170,19 +171,19 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
             bar.set_description_str(left, refresh=False)
             bar.update()
             if bar.disable and time.monotonic() - reported_s > REPORT_S and done < total:
-                _say(f"accuracy: at tier {tier} ({left})")
+                _log(f"accuracy: at tier {tier} ({left})")
                 reported_s = time.monotonic()
 
-        coming = accuracy.run_cases(tiers, seeds, jobs, on_done)
+        case_results = accuracy.run_cases(tiers, seeds, jobs, on_done)
         for tier in tiers:
-            of_tier = list(islice(coming, seeds * len(METHODS)))
+            of_tier = list(islice(case_results, seeds * len(METHODS)))
             results += of_tier
             bar.clear()  # a terminal shows both stdout and the bar
             for row in tables.accuracy_rows(accuracy.summarise(of_tier)):
                 emit(row)
             bar.refresh()
             if bar.disable:
-                _say(f"accuracy: tier {tier} is done ({progress.left(done / total)})")
+                _log(f"accuracy: tier {tier} is done ({progress.left(done / total)})")
                 reported_s = time.monotonic()
     summaries, sigma = accuracy.summarise(results), accuracy.sigma_by_tier(results)
     emit(f"\n{tables.sigma_table(sigma)}")
@@ -206,10 +207,10 @@ def _speed_json(speed: Speed, growth: Growth) -> dict[str, Any]:
     }
 
 
-def _refuse(reason: str) -> int:
-    _say(reason)
+def _fail(reason: str) -> int:
+    _log(reason)
     return 1
 
 
-def _say(text: str) -> None:
+def _log(text: str) -> None:
     print(f"pointchain bench: {text}", file=sys.stderr, flush=True)

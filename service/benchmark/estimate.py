@@ -1,4 +1,4 @@
-"""Estimate how long `pointchain bench` takes, from a short probe on this machine.
+"""Estimate of the duration of `pointchain bench`, from a short probe on this machine.
 
 The costs below are measured once, in units of the probe. A faster or busier machine changes the probe, not the costs.
 Nothing heavy is imported here: the probe runs in worker processes that set their number of threads first.
@@ -31,19 +31,19 @@ SPEED_STARTS, SPEED_PROBES = 7, 45.0
 CELL_PACED_S, CELL_PROBES = 135.0, 10.0
 """The cell part waits this long for the simulated arm and camera, and computes for this many probes."""
 SERVICE_PACED_S, SERVICE_PROBES = 410.0, 25.0
-"""The same for the service part."""
+"""The service part waits and computes for this long."""
 MAX_ELAPSED_SHARE = 0.95
-"""A part that takes longer than estimated is taken to be done to this share."""
+"""Share of the work that counts as done if a part takes longer than estimated."""
 
 
 @dataclass(frozen=True)
 class Probe:
-    """Times of this machine."""
+    """Times of the probe on this machine."""
 
     start_s: float
     """Time that a process takes to start, to import all modules and to warm up."""
     case_s: float
-    """Time of the probe in a process that has started, with as many processes at once as asked for."""
+    """Time of the probe in a process that has started, while the requested number of processes run it at once."""
 
 
 def measure_probe(processes: int) -> Probe:
@@ -74,7 +74,7 @@ def scene_cost(tier: str, seed: int) -> float:
 def accuracy_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
     """Return the expected seconds of the accuracy part.
 
-    Each process takes the next scene as soon as it is free, so that the last scenes may leave processes idle.
+    Each process takes the next scene as soon as it is free, so processes may be idle during the last scenes.
 
     Args:
         tiers: Names of tiers.
@@ -112,7 +112,7 @@ def remaining_s(estimate_s: float, elapsed_s: float, share_done: float | None = 
     Args:
         estimate_s: Estimate of the whole part, made before it began.
         elapsed_s: Time since the part began.
-        share_done: Share of the work that is done, 0 to 1. None: it is not known, and the time counts alone.
+        share_done: Share of the work that is done, 0 to 1. None: it is unknown and estimated from the elapsed time.
     """
     if share_done is None:
         share_done = min(elapsed_s / estimate_s, MAX_ELAPSED_SHARE) if estimate_s > 0 else MAX_ELAPSED_SHARE

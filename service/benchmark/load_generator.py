@@ -24,14 +24,14 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 HOST = "127.0.0.1"
 HEAD_END = b"\r\n\r\n"
-AGAIN_S = 5.0
+RETRY_AFTER_S = 5.0
 """Time after which a refused client requests the event stream again, as the Retry-After of the service says."""
 STALLED_BYTES = 4096
 """Size of the receive buffer of a client that never reads."""
 
 
 @dataclass(frozen=True)
-class Wanted:
+class LoadRequest:
     """A request that is sent again and again."""
 
     name: str
@@ -39,13 +39,13 @@ class Wanted:
     path: str
     status: int = 200
     """The expected status."""
-    has: str | None = None
-    """ETag of the copy that the client has."""
+    etag: str | None = None
+    """ETag of the copy that the client holds. None: it holds none."""
 
     def request(self, port: int) -> bytes:
         """Return the bytes of the request."""
-        has = "" if self.has is None else f"If-None-Match: {self.has}\r\n"
-        return f"GET {self.path} HTTP/1.1\r\nHost: {HOST}:{port}\r\n{has}\r\n".encode()
+        condition = "" if self.etag is None else f"If-None-Match: {self.etag}\r\n"
+        return f"GET {self.path} HTTP/1.1\r\nHost: {HOST}:{port}\r\n{condition}\r\n".encode()
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Load:
     port: int
     connections: int
     """Number of clients. Each sends one request after the other."""
-    requests: Sequence[Wanted]
+    requests: Sequence[LoadRequest]
     pause_s: float = 0.0
     """Time between an answer and the next request."""
     streams: int = 0
@@ -69,12 +69,12 @@ class Load:
     @staticmethod
     def from_json(text: str) -> "Load":
         """Return the load that `to_json` wrote."""
-        known = json.loads(text)
-        return Load(**known | {"requests": [Wanted(**one) for one in known["requests"]]})
+        values = json.loads(text)
+        return Load(**values | {"requests": [LoadRequest(**one) for one in values["requests"]]})
 
 
 @dataclass
-class Met:
+class LoadResults:
     """Results of all clients."""
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
@@ -89,66 +89,74 @@ class Met:
     """Bytes that the reading clients received from their event streams."""
 
 
-class Asking(asyncio.Protocol):
+class LoadClient(asyncio.Protocol):
     """One client. It sends the next request when the last answer is complete."""
 
-    def __init__(self, load: Load, requests: Iterator[Wanted], met: Met, ending: asyncio.Event) -> None:
-        self._load, self._requests, self._met, self._ending = load, requests, met, ending
-        self._received, self._whole = b"", 0
-        self._asked_s = 0.0
+    def __init__(
+        self, load: Load, requests: Iterator[LoadRequest], results: LoadResults, ending: asyncio.Event
+    ) -> None:
+        self._load, self._requests, self._results, self._ending = load, requests, results, ending
+        self._received, self._answer_bytes = b"", 0
+        self._requested_s = 0.0
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Send the first request."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        self._ask()
+        self._send_next()
 
     def data_received(self, data: bytes) -> None:
         """Collect an answer; when it is complete, note its time and send the next request."""
         self._received += data
-        if not self._whole:
+        if not self._answer_bytes:
             end = self._received.find(HEAD_END)
             if end < 0:
                 return
-            self._whole = end + len(HEAD_END) + length_of(self._received[:end])
-        if len(self._received) < self._whole:
+            self._answer_bytes = end + len(HEAD_END) + content_length(self._received[:end])
+        if len(self._received) < self._answer_bytes:
             return
         if self._ending.is_set():  # the results are final
             self._transport.close()
             return
-        self._met.seconds.setdefault(self._wanted.name, []).append(time.perf_counter() - self._asked_s)
+        self._results.seconds.setdefault(self._request.name, []).append(time.perf_counter() - self._requested_s)
         status = int(self._received[9:12])
-        if status != self._wanted.status:
-            self._met.wrong.append(f"{self._wanted.path}: {status} instead of {self._wanted.status}")
+        if status != self._request.status:
+            self._results.wrong.append(f"{self._request.path}: {status} instead of {self._request.status}")
         if self._load.pause_s > 0:
-            asyncio.get_running_loop().call_later(self._load.pause_s, self._ask)
+            asyncio.get_running_loop().call_later(self._load.pause_s, self._send_next)
         else:
-            self._ask()
+            self._send_next()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Note a lost connection, unless the load is ending."""
         if not self._ending.is_set():
-            self._met.wrong.append(f"{self._wanted.path}: the connection was lost")
+            self._results.wrong.append(f"{self._request.path}: the connection was lost")
 
-    def _ask(self) -> None:
+    def _send_next(self) -> None:
         if self._transport.is_closing():
             return
-        self._received, self._whole = b"", 0
-        self._wanted = next(self._requests)
-        self._asked_s = time.perf_counter()
-        self._transport.write(self._wanted.request(self._load.port))
+        self._received, self._answer_bytes = b"", 0
+        self._request = next(self._requests)
+        self._requested_s = time.perf_counter()
+        self._transport.write(self._request.request(self._load.port))
 
 
-def length_of(head: bytes) -> int:
-    """Return the Content-Length of a head; 0 when it has none."""
+def content_length(head: bytes) -> int:
+    """Return the Content-Length of the head of an answer; 0 if it has none."""
     _, found, rest = head.lower().partition(b"\r\ncontent-length:")
     return int(rest.split(b"\r\n", 1)[0]) if found else 0
 
 
-async def follow(load: Load, met: Met, reading: bool) -> None:
-    """Request the event stream, and again after a refusal. A client that is not `reading` reads the head only."""
+async def follow_events(load: Load, results: LoadResults, reading: bool) -> None:
+    """Request the event stream, and request it again after it was refused or has ended.
+
+    Args:
+        load: The load.
+        results: Results, to which this client adds its own.
+        reading: Whether the client reads the events. If not, it reads the head of the answer only.
+    """
     loop = asyncio.get_running_loop()
-    wanted = Wanted("events", load.stream_path).request(load.port)
+    request = LoadRequest("events", load.stream_path).request(load.port)
     while True:
         connection = socket.socket()
         if not reading:
@@ -156,53 +164,55 @@ async def follow(load: Load, met: Met, reading: bool) -> None:
         connection.setblocking(False)
         with connection:
             await loop.sock_connect(connection, (HOST, load.port))
-            await loop.sock_sendall(connection, wanted)
+            await loop.sock_sendall(connection, request)
             head = await loop.sock_recv(connection, 512)
             if head[9:12] == b"200":
-                met.let_in += 1
-                await _stay(connection, met, reading)
+                results.let_in += 1
+                await _read_stream(connection, results, reading)
             elif head[9:12] == b"503":
-                met.refused += 1
+                results.refused += 1
             else:
-                met.wrong.append(f"{load.stream_path}: {head[:12]!r}")
-        await asyncio.sleep(AGAIN_S)
+                results.wrong.append(f"{load.stream_path}: {head[:12]!r}")
+        await asyncio.sleep(RETRY_AFTER_S)
 
 
-async def _stay(connection: socket.socket, met: Met, reading: bool) -> None:
+async def _read_stream(connection: socket.socket, results: LoadResults, reading: bool) -> None:
     if not reading:
         await asyncio.Event().wait()
     while data := await asyncio.get_running_loop().sock_recv(connection, 1 << 16):
-        met.news_bytes += len(data)
+        results.news_bytes += len(data)
 
 
 async def run(load: Load) -> dict[str, Any]:
     """Send requests until stdin ends, and return the results."""
-    loop, met, ending = asyncio.get_running_loop(), Met(), asyncio.Event()
-    following = [asyncio.create_task(follow(load, met, number % 2 == 0)) for number in range(load.streams)]
+    loop, results, ending = asyncio.get_running_loop(), LoadResults(), asyncio.Event()
+    followers = [asyncio.create_task(follow_events(load, results, number % 2 == 0)) for number in range(load.streams)]
     begin = time.perf_counter()
     for number in range(load.connections):
-        # Each client begins with another request, so that they do not all send the same one at once.
+        # each client begins with another request, so that they do not all send the same one at once.
         requests = itertools.islice(itertools.cycle(load.requests), number, None)
-        await loop.create_connection(lambda requests=requests: Asking(load, requests, met, ending), HOST, load.port)
+        await loop.create_connection(
+            lambda requests=requests: LoadClient(load, requests, results, ending), HOST, load.port
+        )
     await asyncio.to_thread(sys.stdin.read)
     ending.set()
     seconds = time.perf_counter() - begin
-    for task in following:
+    for task in followers:
         task.cancel()
-    broken = [error for error in await asyncio.gather(*following, return_exceptions=True) if isinstance(error, OSError)]
-    met.wrong += [f"{load.stream_path}: {error}" for error in broken]
-    return vars(met) | {"duration_s": seconds}
+    broken = [error for error in await asyncio.gather(*followers, return_exceptions=True) if isinstance(error, OSError)]
+    results.wrong += [f"{load.stream_path}: {error}" for error in broken]
+    return vars(results) | {"duration_s": seconds}
 
 
 @contextmanager
-def asking(load: Load) -> Iterator[dict[str, Any]]:
-    """Run the load inside the `with` block. The dictionary is filled with the results when the block ends."""
-    met: dict[str, Any] = {}
+def run_load(load: Load) -> Iterator[dict[str, Any]]:
+    """Run the load inside the `with` block, and yield a dictionary that holds the results after the block."""
+    results: dict[str, Any] = {}
     command = [sys.executable, "-m", __name__, load.to_json()]
     with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         try:
-            yield met
-            met |= json.loads(process.communicate()[0])
+            yield results
+            results |= json.loads(process.communicate()[0])
         finally:
             process.kill()
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from cell.simulation.benchmark.tables import table
 from cell.simulation.ur_controller.admin_client import AdminClient
-from service.benchmark.load_generator import Load, Wanted, asking
-from service.benchmark.service_process import BenchedService, MeasurementError, served
+from service.benchmark.load_generator import Load, LoadRequest, run_load
+from service.benchmark.service_process import BenchmarkClient, MeasurementError, run_service
 
 CLIENTS = 8
 """Number of clients that send requests without a pause."""
@@ -77,33 +77,37 @@ class ServiceTimes:
     """From the request until the arm is still."""
 
 
-def measure_service(say: Callable[[str], None]) -> ServiceTimes:
-    """Measure a service as configured by default, under load.
+def measure_service(report: Callable[[str], None]) -> ServiceTimes:
+    """Measure a service with the default configuration, under load.
 
-    `say` is called with a message on what is measured.
+    Args:
+        report: Called with a message on what is measured next.
+
+    Returns:
+        The results.
     """
     host = ".".join(["127", *(str(secrets.randbelow(254) + 1) for _ in range(3))])
-    with tempfile.TemporaryDirectory(prefix="pointchain-") as root, served(Path(root), host) as service:
-        say("service: first scan, whose result the clients request")
-        scan = service.finished(service.start())
+    with tempfile.TemporaryDirectory(prefix="pointchain-") as root, run_service(Path(root), host) as service:
+        report("service: first scan, whose result the clients request")
+        scan = service.wait_until_succeeded(service.start_scan())
         mix = _mix(service, scan["links"]["self"])
-        say("service: idle")
-        with asking(Load(service.port, CLIENTS, mix)) as idle:
+        report("service: idle")
+        with run_load(Load(service.port, CLIENTS, mix)) as idle:
             time.sleep(IDLE_S)
         scans, loaded, during = [], [], []
         for number in range(SCANS):
-            say(f"service: scan {number + 1} of {SCANS}, without and with load")
-            scans.append(_duration(service.finished(service.start())))
-            location = service.start()
+            report(f"service: scan {number + 1} of {SCANS}, without and with load")
+            scans.append(_duration(service.wait_until_succeeded(service.start_scan())))
+            location = service.start_scan()
             service.wait(location, "scanning")
-            with asking(Load(service.port, CLIENTS, mix)) as met:
-                loaded.append(service.ended(location))
-            during.append(met)
+            with run_load(Load(service.port, CLIENTS, mix)) as results:
+                loaded.append(service.wait_until_ended(location))
+            during.append(results)
         with (
             closing(AdminClient(host)) as controller,
-            asking(Load(service.port, CLIENTS, mix, streams=STREAMS)) as stopping,
+            run_load(Load(service.port, CLIENTS, mix, streams=STREAMS)) as stopping,
         ):
-            stops = _stops(service, controller, say)
+            stops = _stops(service, controller, report)
     loaded_s = [_duration(scan) for scan in loaded if scan["state"] == "succeeded"]
     names = dict.fromkeys(one.name for one in mix)
     return ServiceTimes(
@@ -116,7 +120,7 @@ def measure_service(say: Callable[[str], None]) -> ServiceTimes:
         stopping=_answers([stopping]),
         streams_let_in=stopping["let_in"],
         streams_refused=stopping["refused"],
-        wrong=[words for one in (idle, *during, stopping) for words in one["wrong"]],
+        wrong=[message for one in (idle, *during, stopping) for message in one["wrong"]],
         stops=len(stops),
         wire_p50_s=float(np.percentile([stop.wire_s for stop in stops], 50)),
         wire_p99_s=float(np.percentile([stop.wire_s for stop in stops], 99)),
@@ -168,21 +172,21 @@ def _both(p50_s: float, p99_s: float) -> str:
     return f"{p50_s * 1000:.0f} ms, {p99_s * 1000:.0f} ms"
 
 
-def _mix(service: BenchedService, location: str) -> list[Wanted]:
-    etag = service.ask("GET", f"{location}/model")[1]["etag"]
+def _mix(service: BenchmarkClient, location: str) -> list[LoadRequest]:
+    etag = service.request("GET", f"{location}/model")[1]["etag"]
     return [
-        Wanted("a scan", location),
-        Wanted("the cell", "/api/cell"),
-        Wanted("twenty scans", "/api/scans?limit=20"),
-        Wanted("a model", f"{location}/model"),
-        Wanted("a model that the client has", f"{location}/model", 304, etag),
+        LoadRequest("a scan", location),
+        LoadRequest("the cell", "/api/cell"),
+        LoadRequest("twenty scans", "/api/scans?limit=20"),
+        LoadRequest("a model", f"{location}/model"),
+        LoadRequest("a model that the client has", f"{location}/model", 304, etag),
     ]
 
 
-def _answers(met: Sequence[dict[str, Any]], kind: str | None = None) -> Answers:
+def _answers(results: Sequence[dict[str, Any]], kind: str | None = None) -> Answers:
     """Return the rate and times of the answers of one kind, or of all when None."""
-    seconds = [s for one in met for name, times in one["seconds"].items() if kind in (None, name) for s in times]
-    duration_s = sum(one["duration_s"] for one in met)
+    seconds = [s for one in results for name, times in one["seconds"].items() if kind in (None, name) for s in times]
+    duration_s = sum(one["duration_s"] for one in results)
     return Answers(len(seconds) / duration_s, float(np.percentile(seconds, 50)), float(np.percentile(seconds, 99)))
 
 
@@ -200,26 +204,36 @@ class Stop:
     still_s: float
 
 
-def _stops(service: BenchedService, controller: AdminClient, say: Callable[[str], None]) -> list[Stop]:
+def _stops(service: BenchmarkClient, controller: AdminClient, report: Callable[[str], None]) -> list[Stop]:
     rng, stops = random.Random(SEED), []
     for number in range(STOPS):
         if number % 10 == 0:
-            say(f"service: stop {number + 1} of {STOPS} under load")
+            report(f"service: stop {number + 1} of {STOPS} under load")
         stops.append(stop_once(service, controller, rng.uniform(0.05, 1.0)))
     return stops
 
 
-def stop_once(service: BenchedService, controller: AdminClient, after_s: float) -> Stop:
-    """Start a scan, and stop its arm `after_s` after it began to move."""
-    location = service.start()
+def stop_once(service: BenchmarkClient, controller: AdminClient, after_s: float) -> Stop:
+    """Start a scan, stop its arm while it moves, and return the times of the stop.
+
+    Args:
+        service: Client of the service.
+        controller: Client of the simulated controller.
+        after_s: Time between the start of the motion and the stop, seconds. If the arm then stands still at a
+            viewpoint, the stop waits for the next motion.
+
+    Raises:
+        MeasurementError: The stop was refused, or the scan ended in another way.
+    """
+    location = service.start_scan()
     while not controller.state().moving:
         time.sleep(0.01)
     time.sleep(after_s)
-    while not controller.state().moving:  # it was at a viewpoint
+    while not controller.state().moving:  # the arm stands still at a viewpoint
         time.sleep(0.002)
-    begin, asked_s = controller.state().events, time.monotonic()
-    status, _, body = service.ask("POST", "/api/cell/stop")
-    answer_s = time.monotonic() - asked_s
+    begin, requested_s = controller.state().events, time.monotonic()
+    status, _, body = service.request("POST", "/api/cell/stop")
+    answer_s = time.monotonic() - requested_s
     if status != 200:
         raise MeasurementError(f"the answer to the stop was {status}: {body.decode()}")
     while controller.state().moving:
@@ -227,8 +241,8 @@ def stop_once(service: BenchedService, controller: AdminClient, after_s: float) 
     ended = service.wait(location, "aborted")
     if ended["state"] != "aborted":
         raise MeasurementError(f"the state of the stopped scan is {ended['state']}, not aborted")
-    # The stamps are of the monotonic clock of this machine.
-    events = [event for event in controller.log(begin) if event["stamp_s"] >= asked_s]
+    # the stamps are times of the monotonic clock of this machine
+    events = [event for event in controller.log(begin) if event["stamp_s"] >= requested_s]
     arrived = [event["stamp_s"] for event in events if event["kind"] in ("braking", "command", "dashboard")]
     still = [event["stamp_s"] for event in events if event["kind"] in ("still", "motion_done")]
-    return Stop(min(arrived) - asked_s, answer_s, max(still, default=asked_s) - asked_s)
+    return Stop(min(arrived) - requested_s, answer_s, max(still, default=requested_s) - requested_s)

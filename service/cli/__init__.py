@@ -1,1 +1,1 @@
-"""The command line. Machine output goes to stdout, messages for people go to stderr."""
+"""The command line. Results go to stdout; progress, questions and errors go to stderr."""

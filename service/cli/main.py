@@ -1,6 +1,6 @@
-"""The command line. Machine output goes to stdout, people's output to stderr.
+"""Entry point of the command line. Results go to stdout; progress, questions and errors go to stderr.
 
-Each command imports what it needs when it runs, so that `pointchain --help` answers at once.
+Each command imports its modules when it runs, so that `pointchain --help` starts fast.
 """
 
 import argparse
@@ -11,15 +11,22 @@ from pathlib import Path
 
 from service.cli.calibrate.parser import add_calibrate_commands
 from service.cli.commands.audit import add_audit_command
-from service.cli.commands.batch import add_archive_commands
+from service.cli.commands.batch import add_batch_commands
 from service.cli.commands.cell import add_cell_commands
-from service.cli.commands.integrity import add_doctor_command
+from service.cli.commands.integrity import add_integrity_command
 from service.cli.commands.interchange import add_interchange_commands
 from service.cli.commands.tokens import add_token_commands
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; the exit code: 0 done, 1 failed, 2 wrongly called."""
+    """Run one command.
+
+    Args:
+        arguments: Command and its arguments. None: those of this process.
+
+    Returns:
+        The exit code: 0 for success, 1 for a failure, 2 for wrong arguments, 130 after Ctrl-C.
+    """
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)
@@ -27,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("stopped", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        # Whoever read stdout has left; nothing more can be said there.
+        # the reader of stdout is gone; closing stderr avoids a second error at exit
         sys.stderr.close()
         return 1
 
@@ -41,7 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"pointchain {version('pointchain')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    add_archive_commands(commands)
+    add_batch_commands(commands)
     add_cell_commands(commands)
     add_calibrate_commands(commands)
     add_interchange_commands(commands)
@@ -103,11 +110,11 @@ def _parser() -> argparse.ArgumentParser:
     serve.add_argument("--port", type=int, help="TCP port (8000)")
     serve.add_argument("--data-dir", type=Path, metavar="DIR", help="folder of recordings, results and the database")
     serve.add_argument("--unsupervised", action="store_true", help="run without the supervisor process")
-    serve.add_argument("--supervised", type=int, metavar="N", help=argparse.SUPPRESS)  # the supervisor's own
+    serve.add_argument("--supervised", type=int, metavar="N", help=argparse.SUPPRESS)  # set by the supervisor
     serve.set_defaults(run=_serve)
     add_token_commands(commands)
     add_audit_command(commands)
-    add_doctor_command(commands)
+    add_integrity_command(commands)
 
     bench = commands.add_parser(
         "bench",
@@ -180,10 +187,10 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace) -> int:
     if options.supervised is None and not options.unsupervised:
-        from service.logs.setup import start_log
+        from service.logs.setup import configure_logging
         from service.server.supervisor import supervise
 
-        start_log("auto", "info")
+        configure_logging("auto", "info")
         given = {"config": options.config, "host": options.host, "port": options.port, "data-dir": options.data_dir}
         return supervise([f"--{name}={value}" for name, value in given.items() if value is not None])
 

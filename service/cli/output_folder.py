@@ -1,23 +1,23 @@
-"""The folder for the pictures of a calibration or a verification."""
+"""The output folder of a calibration or a verification."""
 
 from pathlib import Path
 
 from service.config.loader import ConfigError
 
 
-def require_new_folder(folder: Path) -> None:
-    """Makes the folder, unless it is there and empty: views of another run would be solved together with this one's.
+def create_output_folder(folder: Path) -> None:
+    """Create the folder, or check that it is empty. Views of another run would be solved together with the new ones.
 
     Raises:
-        ConfigError: it is no empty folder, or cannot be made or read.
+        ConfigError: The path is not an empty folder, or the folder cannot be created or read.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         empty = not any(folder.iterdir())
     except FileExistsError:
         empty = False
-    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+    except (OSError, ValueError) as error:  # ValueError: the name has a null character
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise ConfigError(f"{folder} cannot be used for the pictures: {why}; name another one by --folder") from error
+        raise ConfigError(f"{folder} cannot be used for the images: {why}; give another folder by --folder") from error
     if not empty:
-        raise ConfigError(f"{folder} is not an empty folder: name a new one by --folder")
+        raise ConfigError(f"{folder} is not an empty folder: give a new folder by --folder")

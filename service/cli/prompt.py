@@ -1,13 +1,13 @@
-"""Asks who sits at the terminal."""
+"""Questions to the person at the terminal."""
 
 import sys
 
-AGREED = ("y", "yes")
+YES_ANSWERS = ("y", "yes")
 
 
-def agreed(question: str) -> bool:
-    """Whether the person says yes; where nobody can be asked, nobody agrees."""
+def confirm(question: str) -> bool:
+    """Ask a yes-or-no question. Return False without asking if stdin is not a terminal."""
     if not sys.stdin.isatty():
         return False
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
-    return sys.stdin.readline().strip().lower() in AGREED
+    return sys.stdin.readline().strip().lower() in YES_ANSWERS

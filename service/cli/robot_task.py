@@ -1,4 +1,4 @@
-"""One task of a command line that moves the arm of the configured cell: a signal stops it."""
+"""Run a task of a command that moves the arm. SIGINT and SIGTERM stop the arm."""
 
 import sys
 import threading
@@ -14,13 +14,18 @@ from cell.errors import CellError
 from service.errors import INPUT_ERRORS
 from service.problems.document import error_document
 from service.processing.worker import TaskFailedError
-from service.signals import STOPPED_CODE, with_signals
+from service.signals import INTERRUPTED_EXIT_CODE, run_with_signal_handler
 
 Result = TypeVar("Result")
 
 
 class EndedEarlyError(Exception):
-    """The task came to no result; with the error as a document, and the command's exit code."""
+    """The task ended without a result.
+
+    Attributes:
+        problem: The error as a document.
+        code: Exit code of the command.
+    """
 
     def __init__(self, problem: dict[str, Any], code: int) -> None:
         super().__init__(problem["detail"])
@@ -28,56 +33,62 @@ class EndedEarlyError(Exception):
         self.code = code
 
 
-def with_moving_cell(
+def run_with_cell(
     settings: CellSettings,
-    do: Callable[[Cell, threading.Event], Result],
-    written: object,
-    at_signal: Callable[[], None] = lambda: None,
+    task: Callable[[Cell, threading.Event], Result],
+    output: object,
+    on_signal: Callable[[], None] = lambda: None,
 ) -> Result:
-    """What `do` gives, called with the cell and an event that is set once a stop was asked for. It is closed then.
+    """Run a task with a cell, and close the cell afterwards. SIGINT and SIGTERM end the task.
 
-    SIGINT and SIGTERM stop the arm first, then do what `at_signal` does, and `do` ends by either. `written`: the file
-    or folder that `do` writes, for messages.
+    Args:
+        settings: Settings of the cell.
+        task: Receives the cell, and an event that is set when a signal requests a stop.
+        output: File or folder that the task writes, for messages.
+        on_signal: Called after the arm is stopped, also if that failed, to end the other work of the task.
+
+    Returns:
+        The result of the task.
 
     Raises:
-        EndedEarlyError: stopped, or an error of `do` that has a problem document.
+        EndedEarlyError: A signal stopped the task, or the task raised an error that has a problem document.
     """
-    cell, stop_asked = Cell(settings), threading.Event()
+    cell, stop_requested = Cell(settings), threading.Event()
 
     def stop() -> None:
-        stop_asked.set()
+        stop_requested.set()
         try:
             cell.stop()
         finally:
-            at_signal()
+            on_signal()
             cell.cancel_connecting()
         print("stopping", file=sys.stderr)
 
     def work() -> Result:
         with closing(cell):
             try:
-                result = do(cell, stop_asked)
+                result = task(cell, stop_requested)
             except (TaskFailedError, CellError, HandEyeError, *INPUT_ERRORS, OSError) as error:
-                # What else went wrong at the same time is told instead.
-                if stop_asked.is_set() and not isinstance(error, (*FAULTS, *INPUT_ERRORS, OSError)):
+                # the error may follow from the stop; faults, wrong input and file errors do not, so they are reported
+                if stop_requested.is_set() and not isinstance(error, (*FAULTS, *INPUT_ERRORS, OSError)):
                     raise _stopped() from error
-                raise EndedEarlyError(_problem(error, written), 1) from error
-        if stop_asked.is_set():  # when the arm had nothing more to do
+                raise EndedEarlyError(_problem(error, output), 1) from error
+        if stop_requested.is_set():  # the stop came after the last move
             raise _stopped()
         return result
 
-    return with_signals(work, stop)
+    return run_with_signal_handler(work, stop)
 
 
 def _stopped() -> EndedEarlyError:
-    return EndedEarlyError(error_document("stopped", "stopped by request"), STOPPED_CODE)
+    return EndedEarlyError(error_document("stopped", "stopped by request"), INTERRUPTED_EXIT_CODE)
 
 
-def _problem(error: Exception, written: object) -> dict[str, Any]:
+def _problem(error: Exception, output: object) -> dict[str, Any]:
     if isinstance(error, TaskFailedError):
         return error_document(error.failure.slug, error.failure.message)
     if isinstance(error, (CellError, HandEyeError, *INPUT_ERRORS)):
         return error_document(error.slug, str(error))
     assert isinstance(error, OSError)
-    where = error.filename or written
+    where = error.filename or output
     return error_document("file", f"{where} cannot be written: {error.strerror or error}")

@@ -1,4 +1,4 @@
-"""A client of the service, for programs that plan with its models: `from service.client import Client`."""
+"""Client of the service, for programs that plan with its models. Import it with `from service.client import Client`."""
 
 from service.client.client import Client
 from service.client.errors import (

@@ -1,4 +1,4 @@
-"""A client of the service, for programs that plan with its models.
+"""Client of the service, for programs that plan with its models.
 
 The client never requests a motion twice by itself. If an answer is lost, `UnansweredError` has the request and the key
 with which `start` finds the scan, or starts it if it was not started.
@@ -18,24 +18,25 @@ import httpx
 from recognition.model.model import Method, PointChainModel
 from service.api.schemas.scans import RecordingResource, ScanResource
 from service.client.errors import (
-    NOT_SENT,
-    AwayError,
+    NOT_SENT_ERRORS,
+    GatewayError,
     ProblemError,
     ScanFailedError,
     UnansweredError,
     UnreachableError,
     require_success,
 )
-from service.client.progress import ScanProgress, follow, look
-from service.client.retry import AGAIN_S, CONNECT_S, Patience
+from service.client.progress import ScanProgress, follow, get_json
+from service.client.retry import CONNECT_TIMEOUT_S, RETRY_INTERVAL_S, RetryPolicy
 from service.states import ID_PATTERN, RESULT_STATES
 
-ANSWER_S = 60.0
-"""Timeout of an answer. A live scan is accepted when arm and camera are connected, which takes seconds."""
-END_S = 10.0
-"""Time limit for reading why a scan has no model. A service that restarts needs some seconds."""
-STOP_S = 2.0
-STOP_TRIES = 3
+ANSWER_TIMEOUT_S = 60.0
+"""Timeout of an answer. Accepting a live scan takes seconds, because arm and camera are connected first."""
+FINAL_STATE_TIMEOUT_S = 10.0
+"""Time limit for reading why a scan has no model. A restart of the service takes some seconds."""
+STOP_TIMEOUT_S = 2.0
+"""Timeout of one attempt to stop."""
+MAX_STOP_ATTEMPTS = 3
 
 
 class Client:
@@ -65,10 +66,10 @@ class Client:
             token: Token from `pointchain token add`. None: the service needs no token.
         """
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        wait = httpx.Timeout(ANSWER_S, connect=CONNECT_S)
-        self._http = httpx.Client(base_url=address, headers=headers, timeout=wait)
-        # Of its own, so that no other request under way takes the connection that a stop needs.
-        self._stopping = httpx.Client(base_url=address, headers=headers, timeout=STOP_S)
+        timeout = httpx.Timeout(ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
+        self._http = httpx.Client(base_url=address, headers=headers, timeout=timeout)
+        # separate, so that a running request never holds the connection that a stop needs
+        self._stopping = httpx.Client(base_url=address, headers=headers, timeout=STOP_TIMEOUT_S)
 
     def close(self) -> None:
         """Close the connections. A running scan continues."""
@@ -146,10 +147,10 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        known = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
-        if not re.fullmatch(ID_PATTERN, known):
-            raise ValueError(f"{known!r} is not the id of a recording; a file is given as Path({known!r})")
-        wish = {"mode": "replay", "recording": known, "string_radius_m": string_radius_m, "method": method}
+        recording_id = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
+        if not re.fullmatch(ID_PATTERN, recording_id):
+            raise ValueError(f"{recording_id!r} is not the id of a recording; pass a file as Path({recording_id!r})")
+        wish = {"mode": "replay", "recording": recording_id, "string_radius_m": string_radius_m, "method": method}
         return self.wait(self.start(wish), on_progress, timeout_s)
 
     def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
@@ -169,16 +170,16 @@ class Client:
             UnreachableError: The service cannot be reached. This request has started nothing.
         """
         key = key or uuid4().hex
-        end = time.monotonic() + ANSWER_S
+        end = time.monotonic() + ANSWER_TIMEOUT_S
         pending = False
         while True:
             try:
                 answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
                 return ScanResource.model_validate(require_success(answer).json())
-            except (httpx.TransportError, AwayError) as error:
-                if pending or not isinstance(error, NOT_SENT):
+            except (httpx.TransportError, GatewayError) as error:
+                if pending or not isinstance(error, NOT_SENT_ERRORS):
                     raise UnansweredError(wish, key, error) from error
-                text = f"{self._http.base_url} cannot be reached ({error}): nothing was begun"
+                text = f"{self._http.base_url} cannot be reached ({error}): nothing was started; try again later"
                 raise UnreachableError(text) from error
             except ProblemError as error:
                 pending = error.slug == "idempotency-pending"
@@ -186,7 +187,7 @@ class Client:
                     raise
                 if time.monotonic() > end:
                     raise UnansweredError(wish, key, error) from error
-                time.sleep(error.retry_after_s or AGAIN_S)
+                time.sleep(error.retry_after_s or RETRY_INTERVAL_S)
 
     def wait(
         self,
@@ -208,20 +209,20 @@ class Client:
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
         address = _address(scan) if isinstance(scan, str) else scan.links.self
-        patience = Patience(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
+        retry = RetryPolicy(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
         if isinstance(scan, str):
-            scan = ScanResource.model_validate(look(self._http, address, patience))
+            scan = ScanResource.model_validate(get_json(self._http, address, retry))
         state = scan.state
-        for progress in follow(self._http, address, patience):
+        for progress in follow(self._http, address, retry):
             state = progress.state
             if on_progress is not None:
                 on_progress(progress)
-                patience.heard()  # that may have taken long
-        # A service that is ending tells how the scan ended, and is away then: perhaps for ever.
+                retry.record_contact()  # the callback may have taken long
+        # a stopping service reports the final state and then disappears, perhaps for good
         failed = state not in RESULT_STATES
-        patience.lost_s = END_S if failed else patience.lost_s
+        retry.max_outage_s = FINAL_STATE_TIMEOUT_S if failed else retry.max_outage_s
         try:
-            ended = ScanResource.model_validate(look(self._http, address, patience))
+            ended = ScanResource.model_validate(get_json(self._http, address, retry))
         except UnreachableError as error:
             if failed:
                 raise ScanFailedError(scan.model_copy(update={"state": state})) from error
@@ -289,12 +290,14 @@ class Client:
             OSError: The file cannot be read.
         """
         recording = Path(recording)
-        name = os.fsencode(recording.name).decode(errors="replace")  # a file's name need not be a text
+        name = os.fsencode(recording.name).decode(errors="replace")  # a file name may be undecodable
         with recording.open("rb") as file:
             try:
                 answer = self._http.post("/api/recordings", params={"name": name}, content=file)
             except httpx.TransportError as error:
-                raise UnreachableError(f"{self._http.base_url} did not take the recording: {error}") from error
+                raise UnreachableError(
+                    f"{self._http.base_url} did not accept the recording ({error}): upload it again"
+                ) from error
         return RecordingResource.model_validate(require_success(answer).json())
 
     # The cell
@@ -315,19 +318,22 @@ class Client:
                 robot's own stop.
         """
         lost: list[Exception] = []
-        for _ in range(STOP_TRIES):
+        for _ in range(MAX_STOP_ATTEMPTS):
             try:
                 require_success(self._stopping.post("/api/cell/stop"))
                 return
-            except (httpx.TransportError, AwayError) as error:
+            except (httpx.TransportError, GatewayError) as error:
                 lost.append(error)
-        sent = [error for error in lost if not isinstance(error, NOT_SENT)]
+        sent = [error for error in lost if not isinstance(error, NOT_SENT_ERRORS)]
         if sent:
             raise UnreachableError(
-                f"the stop was sent and not confirmed ({sent[-1]}): look whether the arm moves, and use the robot's "
+                f"the stop was sent and not confirmed ({sent[-1]}): check whether the arm moves, and use the robot's "
                 "own stop if it does"
             ) from sent[-1]
-        text = f"{self._stopping.base_url} does not take the stop ({lost[-1]}): use the robot's own"
+        text = (
+            f"the stop was not sent, because {self._stopping.base_url} cannot be reached ({lost[-1]}): use the robot's "
+            "own stop"
+        )
         raise UnreachableError(text) from lost[-1]
 
     def cancel(self, scan: ScanResource) -> ScanResource:
@@ -337,10 +343,10 @@ class Client:
             scan: The scan.
 
         Raises:
-            ProblemError: `not-cancellable`: the scan has ended already.
+            ProblemError: `not-cancellable`: The scan has ended already.
             UnreachableError: The service did not answer.
         """
-        return ScanResource.model_validate(self._do(f"{scan.links.self}/cancel").json())
+        return ScanResource.model_validate(self._post(f"{scan.links.self}/cancel").json())
 
     def connect(self) -> Mapping[str, Any]:
         """Connect arm and camera, and return the cell. Nothing moves.
@@ -349,7 +355,7 @@ class Client:
             ProblemError: A device cannot be connected. The error has the reason.
             UnreachableError: The service did not answer.
         """
-        return self._do("/api/cell/connect").json()
+        return self._post("/api/cell/connect").json()
 
     def release(self) -> None:
         """Wait until the arm is home and release it, so that another program can move it.
@@ -357,10 +363,10 @@ class Client:
         After a stop, the arm is released where it stands.
 
         Raises:
-            ProblemError: `stopped`: the arm was stopped during the call. It is not home, and must not be moved.
+            ProblemError: `stopped`: The arm was stopped during the call. It is not home, and must not be moved.
             UnreachableError: The service did not answer.
         """
-        self._do("/api/cell/release")
+        self._post("/api/cell/release")
 
     def acknowledge(self) -> None:
         """Acknowledge a fault. Call this only after a person has inspected the cell and says so.
@@ -369,23 +375,27 @@ class Client:
             ProblemError: The fault cannot be acknowledged yet, or there is none.
             UnreachableError: The service did not answer.
         """
-        self._do("/api/cell/acknowledge")
+        self._post("/api/cell/acknowledge")
 
-    def _do(self, address: str) -> httpx.Response:
+    def _post(self, address: str) -> httpx.Response:
         try:
             return require_success(self._http.post(address))
         except httpx.TransportError as error:
-            raise UnreachableError(f"{self._http.base_url} did not answer POST {address}: {error}") from error
+            raise UnreachableError(
+                f"{self._http.base_url} did not answer POST {address} ({error}): check the cell, then try again"
+            ) from error
 
     def _get(self, address: str, parameters: Mapping[str, Any] | None = None) -> httpx.Response:
-        """Reading may be tried again: once, for a connection that the service has just closed."""
+        """Read a resource. A second attempt covers a connection that the service has just closed."""
         for left in (1, 0):
             try:
                 return require_success(self._http.get(address, params=parameters))
             except httpx.TransportError as error:
                 if not left:
-                    raise UnreachableError(f"{self._http.base_url} does not answer: {error}") from error
-                time.sleep(AGAIN_S)
+                    raise UnreachableError(
+                        f"{self._http.base_url} does not answer ({error}): try again later"
+                    ) from error
+                time.sleep(RETRY_INTERVAL_S)
         raise AssertionError
 
 

@@ -8,10 +8,10 @@ import httpx
 from service.api.schemas.problem import Problem
 from service.api.schemas.scans import ScanResource
 
-NOT_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
-"""With these the service has not got the request; with any other loss it may have."""
-AWAY = frozenset({502, 503, 504})
-"""What a proxy answers while the service behind it is away, or when that does not answer in time."""
+NOT_SENT_ERRORS = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
+"""Errors after which the service has not received the request. After any other transport error, it may have."""
+GATEWAY_STATUSES = frozenset({502, 503, 504})
+"""Statuses of a proxy whose service is down or does not answer in time."""
 
 
 class ClientError(Exception):
@@ -51,7 +51,7 @@ class UnreachableError(ClientError):
     """The service cannot be reached, or does not answer."""
 
 
-class AwayError(UnreachableError):
+class GatewayError(UnreachableError):
     """A proxy answered in place of the service. The service may have received the request."""
 
 
@@ -63,7 +63,7 @@ class UnansweredError(UnreachableError):
 
     def __init__(self, wish: Mapping[str, Any], key: str, reason: Exception) -> None:
         super().__init__(
-            f"whether the scan was begun is not known ({reason}): look at the cell, then ask again with key={key!r}"
+            f"the scan may have been started ({reason}): check the cell, then start again with key={key!r}"
         )
         self.wish = wish
         self.key = key
@@ -73,17 +73,17 @@ class NotEndedError(ClientError, TimeoutError):
     """The scan has not ended within the time limit. It continues; `Client.wait(error.scan_id)` waits for its end."""
 
     def __init__(self, scan_id: str) -> None:
-        super().__init__(f"the time to wait for scan {scan_id} is over; it goes on: cancel or stop it")
+        super().__init__(f"scan {scan_id} has not ended within the time limit and continues: wait again, or cancel it")
         self.scan_id = scan_id
 
 
 def require_success(answer: httpx.Response) -> httpx.Response:
-    """The answer, if it is no error.
+    """Return the response if it is not an error.
 
     Raises:
-        ProblemError: it is a problem.
-        AwayError: it is a proxy's, for now.
-        UnreachableError: it is an error of something else than the service.
+        ProblemError: The response is a problem document.
+        GatewayError: A proxy reports that the service is down or does not answer in time.
+        UnreachableError: The response is an error that does not come from the service.
     """
     if not answer.is_error:
         return answer
@@ -91,6 +91,10 @@ def require_success(answer: httpx.Response) -> httpx.Response:
     if answer.headers.get("content-type", "").startswith("application/problem+json"):
         after_s = answer.headers.get("retry-after", "")
         raise ProblemError(Problem.model_validate(answer.json()), float(after_s) if after_s.isdecimal() else None)
-    if answer.status_code in AWAY:
-        raise AwayError(f"{answer.url} answered {answer.status_code}: the service is not there behind it")
-    raise UnreachableError(f"{answer.url} answered {answer.status_code}, and it does not seem to be the service")
+    if answer.status_code in GATEWAY_STATUSES:
+        raise GatewayError(
+            f"{answer.url} answered {answer.status_code}: the proxy does not reach the service; try again later"
+        )
+    raise UnreachableError(
+        f"{answer.url} answered {answer.status_code} and does not seem to be the service: check the address"
+    )

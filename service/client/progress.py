@@ -1,4 +1,4 @@
-"""How a scan goes, as a program that waits for it sees it."""
+"""Progress of a scan, for a program that waits for its end."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -9,7 +9,7 @@ import httpx
 from httpx_sse import ServerSentEvent, connect_sse
 
 from service.client.errors import ProblemError, require_success
-from service.client.retry import LOST, Patience
+from service.client.retry import RETRYABLE_ERRORS, RetryPolicy
 from service.states import ACTIVE_STATES, ScanState
 
 
@@ -48,76 +48,84 @@ class ScanProgress:
 
 
 def progress_of(scan: Mapping[str, Any]) -> ScanProgress:
-    """That of a scan's resource."""
+    """Return the progress in a scan resource."""
     progress = scan["progress"]
     views = {view["index"]: view["state"] for view in progress["views"]}
     reasons = {view["index"]: view["reason"] for view in progress["views"] if view["reason"]}
     return ScanProgress(scan["state"], progress["stage"], progress["fraction"], views, reasons)
 
 
-def follow(http: httpx.Client, address: str, patience: Patience) -> Iterator[ScanProgress]:
-    """Each change of the scan at `address` until it has ended, over any number of lost connections.
+def follow(http: httpx.Client, address: str, retry: RetryPolicy) -> Iterator[ScanProgress]:
+    """Yield each change of a scan until it has ended, across any number of lost connections.
 
-    Where no more streams are let in, the scan is looked at now and then instead.
+    If the service allows no more event streams, the scan is polled.
+
+    Args:
+        http: The HTTP client.
+        address: Path of the scan.
+        retry: The time limits and the pauses between attempts.
 
     Raises:
-        ProblemError: there is no such scan, or it may not be read.
-        UnreachableError: the service has not answered for a minute.
-        NotEndedError: the deadline has come.
+        ProblemError: There is no such scan, or the caller may not read it.
+        UnreachableError: The service has not answered for a minute.
+        NotEndedError: The deadline has passed.
     """
     last: str | None = None
     progress: ScanProgress | None = None
     while True:
         lost: Exception | None = None
         try:
-            for event in _events(http, address, last, patience):
+            for event in _events(http, address, last, retry):
                 last = event.id or last
-                present = _after(progress, event)
+                present = _progress_after(progress, event)
                 if present is not None and present != progress:
                     yield present
                     if present.ended:
                         return
                     progress = present
-                patience.refuse_late()
-        except LOST as error:
+                retry.raise_if_expired()
+        except RETRYABLE_ERRORS as error:
             lost = error
         if isinstance(lost, ProblemError) and lost.slug == "too-many-streams":
             lost = None
-            present = progress_of(look(http, address, patience))
+            present = progress_of(get_json(http, address, retry))
             if present != progress:
                 yield present
             if present.ended:
                 return
             progress = present
-        patience.pause(lost)
+        retry.wait_or_raise(lost)
 
 
-def look(http: httpx.Client, address: str, patience: Patience) -> dict[str, Any]:
-    """What is at `address`, as soon as the service answers.
+def get_json(http: httpx.Client, address: str, retry: RetryPolicy) -> dict[str, Any]:
+    """Return the JSON document at `address`, as soon as the service answers.
 
-    Raises: ProblemError, UnreachableError and NotEndedError as `follow`.
+    Raises:
+        ProblemError: As for `follow`.
+        UnreachableError: As for `follow`.
+        NotEndedError: As for `follow`.
     """
     while True:
         try:
-            found = require_success(http.get(address, timeout=patience.timeout)).json()
-        except LOST as error:
-            patience.pause(error)
+            found = require_success(http.get(address, timeout=retry.timeout)).json()
+        except RETRYABLE_ERRORS as error:
+            retry.wait_or_raise(error)
         else:
-            patience.heard()
+            retry.record_contact()
             return found
 
 
-def _events(http: httpx.Client, address: str, last: str | None, patience: Patience) -> Iterator[ServerSentEvent]:
+def _events(http: httpx.Client, address: str, last: str | None, retry: RetryPolicy) -> Iterator[ServerSentEvent]:
     headers = {} if last is None else {"Last-Event-ID": last}
-    with connect_sse(http, "GET", f"{address}/events", headers=headers, timeout=patience.timeout) as source:
+    with connect_sse(http, "GET", f"{address}/events", headers=headers, timeout=retry.timeout) as source:
         require_success(source.response)
         for event in source.iter_sse():
-            patience.heard()
+            retry.record_contact()
             yield event
 
 
-def _after(progress: ScanProgress | None, event: ServerSentEvent) -> ScanProgress | None:
-    """What it is after an event of the stream; one without data is a sign of life, no more."""
+def _progress_after(progress: ScanProgress | None, event: ServerSentEvent) -> ScanProgress | None:
+    """Return the progress after an event of the stream. An event without data changes nothing."""
     if not event.data:
         return progress
     content = json.loads(event.data)

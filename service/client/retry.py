@@ -1,62 +1,79 @@
-"""How long a program waits for a service that is away for a moment."""
+"""Retries of a program that waits for a scan while the service is temporarily unreachable."""
 
 import time
 
 import httpx
 from httpx_sse import SSEError
 
-from service.client.errors import AwayError, NotEndedError, ProblemError, UnreachableError
+from service.client.errors import GatewayError, NotEndedError, ProblemError, UnreachableError
 
-CONNECT_S = 5.0
-QUIET_S = 45.0
-"""The service sends something at least every 15 s; a connection that is silent for so long is dead."""
-AGAIN_S = 0.5
-"""Before the service is asked again."""
-LOST_S = 60.0
-"""For so long a service that does not answer is asked again: it may be starting anew."""
-LAST_S = 0.05
-"""Left to an answer at least, however near the deadline is."""
-FOR_NOW = frozenset({"not-ready", "busy"})
-"""Refusals of a service that is just ending or starting, or whose database another program holds."""
-LOST = (httpx.TransportError, SSEError, AwayError, ProblemError)
-"""What may be for now: `Patience.pause` knows."""
+CONNECT_TIMEOUT_S = 5.0
+"""Timeout of connecting to the service."""
+READ_TIMEOUT_S = 45.0
+"""Timeout of reading. The service sends something at least every 15 s, so a connection silent for this time is dead."""
+RETRY_INTERVAL_S = 0.5
+"""Pause before the next request."""
+MAX_OUTAGE_S = 60.0
+"""Time for which requests are repeated without an answer. The service may be restarting."""
+MIN_TIMEOUT_S = 0.05
+"""Shortest timeout of a request, however near the deadline is."""
+TEMPORARY_PROBLEMS = frozenset({"not-ready", "busy"})
+"""Problems of a service that is starting or stopping, or whose database another program holds."""
+RETRYABLE_ERRORS = (httpx.TransportError, SSEError, GatewayError, ProblemError)
+"""Errors that may be temporary. `RetryPolicy.wait_or_raise` decides."""
 
 
-class Patience:
-    """That of one who waits for the scan at `address`, over lost connections and a restart of the service."""
+class RetryPolicy:
+    """Timeouts and pauses of waiting for a scan, across lost connections and a restart of the service."""
 
     def __init__(self, http: httpx.Client, address: str, deadline: float | None) -> None:
-        """`deadline` of `time.monotonic()`."""
-        self._service, self._address, self._deadline = http.base_url, address, deadline
-        self._heard = time.monotonic()
-        self.lost_s = LOST_S
+        """Create the policy.
 
-    def heard(self) -> None:
-        """The service is there."""
-        self._heard = time.monotonic()
+        Args:
+            http: The HTTP client.
+            address: Path of the scan.
+            deadline: Time at which waiting ends, in seconds of `time.monotonic()`. None: no limit.
+        """
+        self._service, self._address, self._deadline = http.base_url, address, deadline
+        self._last_contact = time.monotonic()
+        self.max_outage_s = MAX_OUTAGE_S
+        """Time without an answer after which waiting fails, seconds."""
+
+    def record_contact(self) -> None:
+        """Record that the service has answered now."""
+        self._last_contact = time.monotonic()
 
     @property
     def timeout(self) -> httpx.Timeout:
-        """Of one request: no longer than to the deadline."""
-        left_s = QUIET_S if self._deadline is None else min(QUIET_S, max(LAST_S, self._deadline - time.monotonic()))
-        return httpx.Timeout(left_s, connect=min(left_s, CONNECT_S))
+        """Timeout of one request, limited by the deadline."""
+        left_s = (
+            READ_TIMEOUT_S
+            if self._deadline is None
+            else min(READ_TIMEOUT_S, max(MIN_TIMEOUT_S, self._deadline - time.monotonic()))
+        )
+        return httpx.Timeout(left_s, connect=min(left_s, CONNECT_TIMEOUT_S))
 
-    def refuse_late(self) -> None:
-        """Raises NotEndedError once the deadline has come."""
+    def raise_if_expired(self) -> None:
+        """Raise NotEndedError if the deadline has passed."""
         if self._deadline is not None and time.monotonic() > self._deadline:
             raise NotEndedError(self._address.rsplit("/", 1)[-1])
 
-    def pause(self, error: Exception | None = None) -> None:
-        """Before the service is asked again, because of one of `LOST` or since there is nothing new.
+    def wait_or_raise(self, error: Exception | None = None) -> None:
+        """Wait before the next request, or raise an error if there must be none.
+
+        Args:
+            error: The error of the last request, one of `RETRYABLE_ERRORS`. None: the request succeeded.
 
         Raises:
-            ProblemError: the error, which is one for good.
-            UnreachableError: nothing was heard for `lost_s`.
-            NotEndedError: the deadline has come.
+            ProblemError: The error is a problem that is not temporary.
+            UnreachableError: The service has not answered for `max_outage_s`.
+            NotEndedError: The deadline has passed.
         """
-        if isinstance(error, ProblemError) and error.slug not in FOR_NOW:
+        if isinstance(error, ProblemError) and error.slug not in TEMPORARY_PROBLEMS:
             raise error
-        if error is not None and time.monotonic() - self._heard > self.lost_s:
-            raise UnreachableError(f"{self._service} has not answered for {self.lost_s:.0f} s: {error}") from error
-        self.refuse_late()
-        time.sleep(AGAIN_S)
+        if error is not None and time.monotonic() - self._last_contact > self.max_outage_s:
+            raise UnreachableError(
+                f"{self._service} has not answered for {self.max_outage_s:.0f} s ({error}): try again later"
+            ) from error
+        self.raise_if_expired()
+        time.sleep(RETRY_INTERVAL_S)

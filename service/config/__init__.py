@@ -1,1 +1,1 @@
-"""The configuration: its file, its sections, and messages about errors in it."""
+"""The configuration: the loader, the sections, and messages about errors in it."""

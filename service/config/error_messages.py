@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in the words of its file: each key by its name, and what it takes."""
+"""Messages about errors in a configuration. They name each key as the file does, and what the key accepts."""
 
 import difflib
 import math
@@ -13,208 +13,225 @@ from pydantic_core import ErrorDetails
 
 from cell.config.strict_model import unit_hint
 
-SHOWN = 60
-"""A longer value is cut off in a message."""
-_BOUNDS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+MAX_VALUE_LENGTH = 60
+"""Maximum number of characters of a value in a message. A longer value is truncated."""
+_BOUND_PHRASES = {"gt": "greater than", "ge": "at least", "lt": "less than", "le": "at most"}
 
 
-def explain(error: ValidationError, settings: type[BaseModel], variables: Mapping[str, str]) -> list[str]:
-    """One line for each thing that is wrong, in the order of the settings.
+def describe_errors(error: ValidationError, settings: type[BaseModel], variables: Mapping[str, str]) -> list[str]:
+    """Return one line per error, in the order of the settings.
 
-    `settings` is the class that was to be made; `variables` says which variable has set a key, by the key's name in
-    capitals with two underscores between its parts: `ARM__HOST`.
+    Args:
+        error: Error of the validation.
+        settings: The class that was validated.
+        variables: Names of the environment variables that are set, by the key that they set: the parts in capitals,
+            joined by two underscores, as `ARM__HOST`.
     """
-    lines = [_line(item, settings, variables) for item in error.errors(include_url=False)]
-    return list(dict.fromkeys(lines))  # a list that is too short is told for each element that it lacks
+    lines = [_describe_error(item, settings, variables) for item in error.errors(include_url=False)]
+    return list(dict.fromkeys(lines))  # a list that is too short has an error, with the same line, per missing element
 
 
-def meant(name: str, known: list[str], before: str = "") -> str:
-    """A hint at which of the `known` names may have been meant, or at all of them; each with `before` before it."""
-    near = difflib.get_close_matches(name.lower(), [other.lower() for other in known], 1, 0.6)
-    if near:
-        return f"did you mean {before}{next(other for other in known if other.lower() == near[0])}?"
-    return f"known are {', '.join(before + other for other in known)}"
+def suggest_name(name: str, known: list[str], prefix: str = "") -> str:
+    """Return a hint: the known name that is similar to `name`, or all known names.
+
+    Args:
+        name: The unknown name.
+        known: All known names.
+        prefix: Text before each name in the hint.
+    """
+    similar = difflib.get_close_matches(name.lower(), [other.lower() for other in known], 1, 0.6)
+    if similar:
+        return f"did you mean {prefix}{next(other for other in known if other.lower() == similar[0])}?"
+    return f"known names: {', '.join(prefix + other for other in known)}"
 
 
 @dataclass
-class _Place:
-    """Where in the settings an error lies."""
+class _Location:
+    """Location of an error in the settings."""
 
     keys: list[str] = field(default_factory=list)
-    """From the outermost section to the setting."""
+    """Keys from the outermost section to the setting."""
     name: str = ""
-    """As `arm.host` or `workspace.x_m[1]`."""
+    """Name of the setting, as `arm.host` or `workspace.x_m[1]`."""
     annotation: Any = None
-    """The type of what lies there; None where there is no such setting."""
+    """Type of the setting, or None if it is unknown."""
     bounds: list[Any] = field(default_factory=list)
+    """Limits of the setting, as annotated-types objects."""
     parent: type[BaseModel] | None = None
-    """The section that the setting is in."""
+    """Section that contains the setting."""
     kind: str | None = None
-    """Which kind of arm or camera that section describes."""
+    """Kind of arm or camera that this section describes."""
 
 
-def _line(item: ErrorDetails, settings: type[BaseModel], variables: Mapping[str, str]) -> str:
-    # A list that is too short is told as a whole.
-    short = item["type"] == "missing" and isinstance(item["loc"][-1], int)
-    place = _place(settings, item["loc"][:-1] if short else item["loc"])
-    variable = _variable(place.keys, variables)
-    name = f"{place.name} (set by {variable})" if variable else place.name
+def _describe_error(item: ErrorDetails, settings: type[BaseModel], variables: Mapping[str, str]) -> str:
+    # a list that is too short is reported as a whole
+    too_short = item["type"] == "missing" and isinstance(item["loc"][-1], int)
+    location = _locate(settings, item["loc"][:-1] if too_short else item["loc"])
+    variable = _variable_of(location.keys, variables)
+    name = f"{location.name} (set by {variable})" if variable else location.name
     value = item["input"]
     if item["type"] == "extra_forbidden":
         what = "section" if isinstance(value, dict) else "setting"
-        return f"{name}: there is no such {what}; {_belongs(place, settings)}"
-    if short:
-        return f"{name} is {_shown(value)}; {_taken(place)} is taken"
+        return f"{name}: unknown {what}; {_suggest_location(location, settings)}"
+    if too_short:
+        return f"{name} is {_format_value(value)}; it must be {_expected_value(location)}"
     if item["type"] == "missing":
-        needs = f': kind = "{place.kind}" needs it' if place.kind else f"; {_taken(place)} is needed"
-        return f"{name} is missing{needs}"
-    if _models(place.annotation) and not isinstance(value, dict | BaseModel):
-        return f"{name} is {_shown(value)}; it is a section: a line [{place.name}], and its settings below it"
+        if location.kind:
+            return f'{name} is missing; kind = "{location.kind}" requires it'
+        return f"{name} is missing; {_expected_value(location)} is required"
+    if _section_classes(location.annotation) and not isinstance(value, dict | BaseModel):
+        return f"{name} is {_format_value(value)}; it is a section: write [{location.name}] and its settings below it"
     if item["type"] == "kind" and isinstance(value, dict):
-        kinds = _kinds(place.annotation)
-        return f"{place.name}.kind is {_shown(value.get('kind'))}; {_one_of(list(kinds))} is taken"
+        kinds = _join_choices(list(_sections_by_kind(location.annotation)))
+        return f"{location.name}.kind is {_format_value(value.get('kind'))}; it must be {kinds}"
     if item["type"] == "value_error":
-        words = str(item.get("ctx", {}).get("error", item["msg"]))
-        if not place.name:
-            return words
-        return f"{name}: {words}" if isinstance(value, dict | BaseModel) else f"{name} is {_shown(value)}; {words}"
-    return f"{name} is {_shown(value)}; {_taken(place)} is taken{_near_choice(place, value)}{_other_unit(place, value)}"
+        message = str(item.get("ctx", {}).get("error", item["msg"]))
+        if not location.name:
+            return message
+        if isinstance(value, dict | BaseModel):
+            return f"{name}: {message}"
+        return f"{name} is {_format_value(value)}; {message}"
+    hints = _choice_hint(location, value) + _unit_hint(location, value)
+    return f"{name} is {_format_value(value)}; it must be {_expected_value(location)}{hints}"
 
 
-def _place(settings: type[BaseModel], loc: tuple[int | str, ...]) -> _Place:
-    place, model = _Place(), settings
+def _locate(settings: type[BaseModel], loc: tuple[int | str, ...]) -> _Location:
+    """Follow pydantic's location of an error through the settings classes."""
+    location, model = _Location(), settings
     for part in loc:
-        kinds = _kinds(place.annotation)
+        kinds = _sections_by_kind(location.annotation)
         if isinstance(part, int):
-            arguments = get_args(_without_none(place.annotation))
-            place.annotation = arguments[0] if arguments[-1:] == (...,) else arguments[min(part, len(arguments) - 1)]
-            place.name += f"[{part}]"
-            place.bounds = []
+            arguments = get_args(_without_none(location.annotation))
+            is_variadic = arguments[-1:] == (...,)
+            location.annotation = arguments[0] if is_variadic else arguments[min(part, len(arguments) - 1)]
+            location.name += f"[{part}]"
+            location.bounds = []
         elif part in kinds:
-            model, place.kind = kinds[part], part
+            model, location.kind = kinds[part], part
         else:
             found = model.model_fields.get(part)
-            place.parent = model
-            place.name = f"{place.name}.{part}" if place.name else part
-            place.keys.append(part)
-            place.annotation, place.bounds = (found.annotation, found.metadata) if found else (None, [])
-            inner = _models(place.annotation)
+            location.parent = model
+            location.name = f"{location.name}.{part}" if location.name else part
+            location.keys.append(part)
+            location.annotation, location.bounds = (found.annotation, found.metadata) if found else (None, [])
+            inner = _section_classes(location.annotation)
             model = inner[0] if len(inner) == 1 else BaseModel
-    return place
+    return location
 
 
-def _belongs(place: _Place, settings: type[BaseModel]) -> str:
-    """Where an unknown key may belong."""
-    key, parent = place.keys[-1], place.parent or settings
+def _suggest_location(location: _Location, settings: type[BaseModel]) -> str:
+    """Return a hint at where an unknown key may belong."""
+    key, parent = location.keys[-1], location.parent or settings
     siblings = list(parent.model_fields)
     if difflib.get_close_matches(key.lower(), siblings, 1, 0.75):
-        return meant(key, siblings)
-    for section, about in settings.model_fields.items():
-        kinds = _kinds(about.annotation)
-        for kind, model in kinds.items():
-            if key in model.model_fields and place.keys[0] == section:
+        return suggest_name(key, siblings)
+    for section, section_field in settings.model_fields.items():
+        for kind, model in _sections_by_kind(section_field.annotation).items():
+            if key in model.model_fields and location.keys[0] == section:
                 return f'only kind = "{kind}" has it'
-        if any(key in model.model_fields for model in _models(about.annotation)):
-            return f"it is a setting of [{section}]"
+        if any(key in model.model_fields for model in _section_classes(section_field.annotation)):
+            return f"move it to the section [{section}]"
     if parent is not settings and key in settings.model_fields:
-        return "it stands above the first [section]"
-    return meant(key, siblings)
+        return "move it above the first [section]"
+    return suggest_name(key, siblings)
 
 
-def _variable(keys: list[str], variables: Mapping[str, str]) -> str | None:
-    """The variable that set the key, or the section that it is in."""
+def _variable_of(keys: list[str], variables: Mapping[str, str]) -> str | None:
+    """Return the variable that set the key or a section that contains it."""
     names = ["__".join(keys[:end]).upper() for end in range(len(keys), 0, -1)]
     return next((variables[name] for name in names if name in variables), None)
 
 
-def _taken(place: _Place) -> str:
-    """What the setting takes, as "a number more than 0, at most 3.2"."""
-    plain = _without_none(place.annotation)
+def _expected_value(location: _Location) -> str:
+    """Return what the setting accepts, as "a number greater than 0 and at most 3.2"."""
+    plain = _without_none(location.annotation)
     choices = [str(choice) for choice in get_args(plain)] if get_origin(plain) is Literal else []
-    words = _one_of(choices) if choices else _kind_of_value(plain, many=False)
-    bound = _bounds(place)
-    if "ge" in bound and "le" in bound:
-        return f"{words} from {_number(bound['ge'])} to {_number(bound['le'])}"
-    limits = [f"{told} {_number(bound[name])}" for name, told in _BOUNDS.items() if name in bound]
-    limits += ["not empty"] if "min_length" in bound else []
-    return " ".join([words, ", ".join(limits)]).strip()
+    expected = _join_choices(choices) if choices else _describe_type(plain, plural=False)
+    bounds = _bounds_by_name(location)
+    if "ge" in bounds and "le" in bounds:
+        return f"{expected} from {_format_number(bounds['ge'])} to {_format_number(bounds['le'])}"
+    limits = [f"{text} {_format_number(bounds[name])}" for name, text in _BOUND_PHRASES.items() if name in bounds]
+    limits += ["that is not empty"] if "min_length" in bounds else []
+    return " ".join([expected, " and ".join(limits)]).strip()
 
 
-def _bounds(place: _Place) -> dict[str, Any]:
+def _bounds_by_name(location: _Location) -> dict[str, Any]:
     """Return the limits of the setting by name, as `ge` or `min_length`."""
-    # These are annotated-types' Ge, Lt and so on, each with an attribute of its own name.
-    return {name: getattr(b, name) for b in place.bounds for name in (*_BOUNDS, "min_length") if hasattr(b, name)}
+    # annotated-types' Ge, Lt and so on each have one attribute, with the lower-case name of the class
+    names = (*_BOUND_PHRASES, "min_length")
+    return {name: getattr(bound, name) for bound in location.bounds for name in names if hasattr(bound, name)}
 
 
-def _kind_of_value(annotation: Any, *, many: bool) -> str:
+def _describe_type(annotation: Any, *, plural: bool) -> str:
     arguments = get_args(annotation)
     if get_origin(annotation) is tuple:
-        each = _kind_of_value(arguments[0], many=True)
+        element = _describe_type(arguments[0], plural=True)
         count = "" if arguments[-1] is ... else f"{len(arguments)} "
-        return f"{'lists' if many else 'a list'} of {count}{each}"
-    one, several = {
+        return f"{'lists' if plural else 'a list'} of {count}{element}"
+    singular_name, plural_name = {
         bool: ("true or false", "true or false"),
         int: ("a whole number", "whole numbers"),
         float: ("a number", "numbers"),
         str: ("text", "texts"),
         Path: ("a path", "paths"),
-    }.get(annotation, ("something else", "something else"))
-    return several if many else one
+    }.get(annotation, ("another value", "other values"))
+    return plural_name if plural else singular_name
 
 
-def _near_choice(place: _Place, value: object) -> str:
-    choices = [str(choice) for choice in get_args(_without_none(place.annotation)) if isinstance(choice, str)]
-    near = difflib.get_close_matches(str(value).lower(), choices, 1, 0.6)
-    return f'; did you mean "{near[0]}"?' if near else ""
+def _choice_hint(location: _Location, value: object) -> str:
+    """Return a hint if the value is similar to an accepted one."""
+    choices = [str(choice) for choice in get_args(_without_none(location.annotation)) if isinstance(choice, str)]
+    similar = difflib.get_close_matches(str(value).lower(), choices, 1, 0.6)
+    return f'; did you mean "{similar[0]}"?' if similar else ""
 
 
-def _other_unit(place: _Place, value: object) -> str:
-    """Return a hint at the unit if a number is plainly in millimetres or degrees."""
-    bound = _bounds(place)
+def _unit_hint(location: _Location, value: object) -> str:
+    """Return a hint if a number looks like millimetres or degrees."""
+    bounds = _bounds_by_name(location)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return ""
     try:
-        number = float(value)  # a variable of the environment is text
+        number = float(value)  # an environment variable is text
     except ValueError:
         return ""
-    low, high = bound.get("ge", bound.get("gt", -math.inf)), bound.get("le", bound.get("lt", math.inf))
-    return unit_hint(place.keys[-1], number, low, high)
+    low, high = bounds.get("ge", bounds.get("gt", -math.inf)), bounds.get("le", bounds.get("lt", math.inf))
+    return unit_hint(location.keys[-1], number, low, high)
 
 
-def _one_of(names: list[str]) -> str:
+def _join_choices(names: list[str]) -> str:
     quoted = [f'"{name}"' for name in names]
     return " or ".join([", ".join(quoted[:-1]), quoted[-1]]) if quoted[1:] else quoted[0]
 
 
-def _number(value: Any) -> str:
+def _format_number(value: Any) -> str:
     return str(value) if isinstance(value, int) else f"{value:g}"
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     text = str(value).lower() if isinstance(value, bool) else repr(list(value) if isinstance(value, tuple) else value)
-    return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
+    return text if len(text) <= MAX_VALUE_LENGTH else text[: MAX_VALUE_LENGTH - 3] + "..."
 
 
 def _without_none(annotation: Any) -> Any:
-    """`X` of `X | None`."""
+    """Return `X` for `X | None`."""
     if get_origin(annotation) in (Union, types.UnionType):
         rest = [argument for argument in get_args(annotation) if argument is not types.NoneType]
         return rest[0] if len(rest) == 1 else annotation
     return annotation
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """The sections that a field may be."""
+def _section_classes(annotation: Any) -> list[type[BaseModel]]:
+    """Return the settings classes that a field may hold."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if get_origin(annotation) is Annotated:
-        return _models(get_args(annotation)[0])
+        return _section_classes(get_args(annotation)[0])
     if get_origin(annotation) in (Union, types.UnionType):
-        return [model for argument in get_args(annotation) for model in _models(argument)]
+        return [model for argument in get_args(annotation) for model in _section_classes(argument)]
     return []
 
 
-def _kinds(annotation: Any) -> dict[str, type[BaseModel]]:
-    """The sections of a field that is one of several, by their `kind`."""
-    models = _models(annotation)
+def _sections_by_kind(annotation: Any) -> dict[str, type[BaseModel]]:
+    """Return the settings classes that a field may hold, by their `kind`."""
+    models = _section_classes(annotation)
     return {str(get_args(m.model_fields["kind"].annotation)[0]): m for m in models if "kind" in m.model_fields}

@@ -1,7 +1,8 @@
-"""The service's configuration: a TOML file, `POINTCHAIN_*` variables, and what the command line overrides.
+"""The service's configuration: a TOML file, `POINTCHAIN_*` environment variables and command-line overrides.
 
-The only place that reads the environment or a configuration file. Later ones win: built-in default, TOML
-file, variable (`POINTCHAIN_PORT`, nested with two underscores: `POINTCHAIN_ARM__HOST`; lists in JSON), override.
+Only this module reads the environment or a configuration file. A later source overrides an earlier one: built-in
+default, TOML file, variable, override. A variable is named `POINTCHAIN_PORT`, or with two underscores
+`POINTCHAIN_ARM__HOST` in a section; its lists are JSON.
 """
 
 import os
@@ -31,22 +32,22 @@ from cell.config.cell_config import (
     ScanSettings,
     WorkspaceSettings,
 )
-from service.config.error_messages import explain, meant
+from service.config.error_messages import describe_errors, suggest_name
 from service.config.sections import GripperConfig, LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
 
 PREFIX = "POINTCHAIN_"
 FILE_VARIABLE = "POINTCHAIN_CONFIG"
-"""Variable that names the configuration file when no `--config` does."""
+"""Variable that names the configuration file if `--config` is not given."""
 
 
 class ConfigError(ValueError):
-    """A configuration that cannot be used; the message names each key."""
+    """The configuration cannot be used. The message names each wrong key."""
 
     slug = "config"
 
 
 class ServiceConfig(BaseSettings):
-    """Hold all settings of the service and of its cell."""
+    """All settings of the service and of its cell."""
 
     model_config = SettingsConfigDict(
         extra="forbid", frozen=True, env_prefix=PREFIX, env_nested_delimiter="__", env_ignore_empty=True
@@ -77,7 +78,11 @@ class ServiceConfig(BaseSettings):
 
     @property
     def cell(self) -> CellSettings:
-        """What a cell is made of. Raises pydantic's ValidationError where its sections contradict one another."""
+        """Settings of the cell.
+
+        Raises:
+            ValidationError: Its sections contradict one another.
+        """
         sections = {name: getattr(self, name) for name in CellSettings.model_fields}
         if self.hand_eye.folder is None:
             sections["hand_eye"] = self.hand_eye.model_copy(update={"folder": self.data_dir / "calibration"})
@@ -97,13 +102,13 @@ class ServiceConfig(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Overrides before variables; `load_config` adds the file behind them."""
-        return init_settings, _Variables(settings_cls)
+        """Return the sources, the strongest first: overrides, variables. `load_config` appends the file."""
+        return init_settings, _JsonEnvSource(settings_cls)
 
 
-class _Variables(EnvSettingsSource):
+class _JsonEnvSource(EnvSettingsSource):
     def decode_complex_value(self, field_name: str, field: FieldInfo, value: Any) -> Any:
-        """A list or section in JSON. What is none is left to validation, which refuses it by its name."""
+        """Decode a list or section from JSON. Return other text unchanged: validation rejects it by name."""
         try:
             return super().decode_complex_value(field_name, field, value)
         except ValueError:
@@ -111,18 +116,20 @@ class _Variables(EnvSettingsSource):
 
 
 def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
-    """The configuration from the TOML file `path`, variables and `overrides` (those that are not None).
+    """Load the configuration from a TOML file, the environment variables and overrides.
 
-    Without `path`, the variable POINTCHAIN_CONFIG may name the file.
+    Args:
+        path: TOML file. None: the file that the variable POINTCHAIN_CONFIG names, if it is set.
+        overrides: Top-level settings that override all other sources. None: not given.
 
     Raises:
-        ConfigError: the file cannot be read or is not TOML, a key is unknown, a value cannot be, or the cell's
-            sections contradict one another. All that is wrong is told at once.
+        ConfigError: The file cannot be read or is not TOML, a key is unknown, a value is not accepted, or the cell's
+            sections contradict one another. The message lists all wrong keys at once.
     """
     if path is None and os.environ.get(FILE_VARIABLE):
         path = Path(os.environ[FILE_VARIABLE])
-    _refuse_unknown_variables()
-    content = {} if path is None else _read(path)
+    _reject_unknown_variables()
+    content = {} if path is None else _read_toml(path)
 
     class FromFile(ServiceConfig):
         @classmethod
@@ -137,15 +144,15 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
         settings = FromFile(**given)
         _ = settings.cell
     except ValidationError as error:
-        wrong = explain(error, ServiceConfig, _variables())
-        where = f" (with {path})" if path else ""
-        told = wrong[0] if len(wrong) == 1 else "".join(f"\n  {line}" for line in wrong)
-        raise ConfigError(f"the configuration{where} cannot be used: {told}") from error
+        lines = describe_errors(error, ServiceConfig, _set_variables())
+        where = f" (file {path})" if path else ""
+        details = lines[0] if len(lines) == 1 else "".join(f"\n  {line}" for line in lines)
+        raise ConfigError(f"the configuration{where} cannot be used: {details}") from error
     return ServiceConfig.model_construct(**{name: getattr(settings, name) for name in ServiceConfig.model_fields})
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """The file's content; relative paths of the hand-eye calibration are of the folder that the file lies in."""
+def _read_toml(path: Path) -> dict[str, Any]:
+    """Return the content of the file. Relative paths in `hand_eye` count from the folder of the file."""
     try:
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such configuration file")
@@ -164,15 +171,15 @@ def _read(path: Path) -> dict[str, Any]:
     return content
 
 
-def _variables() -> dict[str, str]:
-    """Our variables that are set, as `POINTCHAIN_ARM__HOST`, by what they set: `ARM__HOST`."""
+def _set_variables() -> dict[str, str]:
+    """Return our variables that are set (`POINTCHAIN_ARM__HOST`), by the key that they set (`ARM__HOST`)."""
     ours = [name for name, value in os.environ.items() if name.upper().startswith(PREFIX) and value]
     return {name.upper().removeprefix(PREFIX): name for name in sorted(ours)}
 
 
-def _refuse_unknown_variables() -> None:
-    """pydantic-settings reads past a mistyped variable; nobody should have to find that out."""
+def _reject_unknown_variables() -> None:
+    """Raise ConfigError for a mistyped variable, which pydantic-settings would ignore."""
     known = sorted([name.upper() for name in ServiceConfig.model_fields] + [FILE_VARIABLE.removeprefix(PREFIX)])
-    for key, variable in _variables().items():
+    for key, variable in _set_variables().items():
         if key.split("__")[0] not in known:
-            raise ConfigError(f"{variable}: there is no such setting; {meant(key.split('__')[0], known, PREFIX)}")
+            raise ConfigError(f"{variable}: unknown setting; {suggest_name(key.split('__')[0], known, PREFIX)}")

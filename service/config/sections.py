@@ -1,4 +1,4 @@
-"""The sections of the configuration that are the service's own; those of the cell are in `cell.config.cell_config`."""
+"""Configuration sections of the service. The sections of the cell are in `cell.config.cell_config`."""
 
 from typing import Literal
 
@@ -75,11 +75,10 @@ class GripperConfig(BaseModel):
 
     @property
     def value(self) -> Gripper:
-        """What recognition takes."""
+        """The gripper as recognition takes it."""
         return Gripper(**self.model_dump())
 
     @model_validator(mode="after")
-    def _possible(self) -> "GripperConfig":
-        # Gripper's own conditions; its error is a ValueError, and names the key.
-        _ = self.value
+    def _check_gripper(self) -> "GripperConfig":
+        _ = self.value  # raises a ValueError that names the key
         return self

@@ -1,2 +1,4 @@
-"""The operator's console: a page in the browser, at the service's own address. `web` has its sources, `built` what is
-made of them."""
+"""The operator's console: a page in the browser, at the address of the service.
+
+`web` has its sources, `built` the page that is made of them.
+"""

@@ -1,4 +1,4 @@
-"""Changes of the cell's state as news; they are not kept."""
+"""Events of the cell's state. They are not stored."""
 
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from service.events.hub import EventHub
 
 @dataclass(frozen=True)
 class CellEvent:
-    """The state that the cell is in, as `GET /api/cell` tells it."""
+    """State of the cell, with problem and reason, as in `GET /api/cell`."""
 
     state: State
     problem: str | None
@@ -20,24 +20,24 @@ class CellEvent:
 
     @cached_property
     def text(self) -> str:
-        """As JSON; made once for all who follow."""
+        """The event as JSON, encoded once for all subscribers."""
         return dumps(asdict(self))
 
 
 def cell_event(status: CellStatus) -> CellEvent:
-    """What is told of a status."""
+    """Return the event of a cell status."""
     return CellEvent(status.state, None if status.slug is None else f"urn:pointchain:{status.slug}", status.reason)
 
 
 def publish_changes(cell: Cell, hub: EventHub[Any]) -> None:
-    """From now on, those who follow everything are told of each change."""
+    """Publish each further change of the cell's state to the subscribers of all topics."""
     last: CellEvent | None = None
 
-    def told(status: CellStatus) -> None:
+    def publish(status: CellStatus) -> None:
         nonlocal last
         event = cell_event(status)
-        if event != last:  # what else has changed is no news
+        if event != last:  # other members of the status may have changed
             last = event
             hub.publish(None, event)
 
-    cell.on_status(told)
+    cell.on_status(publish)

@@ -1,7 +1,7 @@
-"""News on their way from the thread that makes them to the streams that tell them, in memory.
+"""Event hub: carries events from the threads that publish them to the subscribers in the event loop.
 
-Whoever publishes waits for nobody, and costs little: one wake-up of the event loop for all who follow. Nobody's backlog
-grows without a bound: one who does not keep up loses it, and is told so.
+Publishing never waits, and takes one wake-up of the event loop for all subscribers. All backlogs are bounded: a
+subscriber that does not keep up loses its backlog and gets `Mark.MISSED`.
 """
 
 import asyncio
@@ -14,128 +14,137 @@ from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
-BACKLOG = 64
-"""So many news wait for one who follows, and as many times more for a loop that is late."""
-INBOX = 64 * BACKLOG
+MAX_BACKLOG = 64
+"""Number of events that wait for one subscriber."""
+MAX_INBOX = 64 * MAX_BACKLOG
+"""Number of events that wait for a delayed event loop."""
 
 
 class Mark(Enum):
-    """What comes in the place of news."""
+    """Item that a subscriber gets in place of an event."""
 
     MISSED = "missed"
-    """Some were lost here: look at the present state."""
+    """Events were lost here. Read the present state."""
     CLOSED = "closed"
-    """There will be no more."""
+    """No further event will come."""
 
 
-class Follower(Generic[T]):
-    """One who follows a topic, or all of them. For the event loop's thread."""
+class Subscriber(Generic[T]):
+    """Subscriber of one topic, or of all if `topic` is None. For use in the event loop's thread."""
 
     def __init__(self, topic: str | None) -> None:
         self.topic = topic
         self._waiting: deque[T | Mark] = deque()
-        self._news = asyncio.Event()
+        self._available = asyncio.Event()
 
     async def next(self, within_s: float | None = None) -> T | Mark | None:
-        """What comes next, in order; None when nothing has come in time."""
+        """Return the next item in order, or None if none comes within `within_s` seconds. None waits without limit."""
         try:
             async with asyncio.timeout(within_s):
                 while not self._waiting:
-                    self._news.clear()
-                    await self._news.wait()
+                    self._available.clear()
+                    await self._available.wait()
         except TimeoutError:
             return None
         return self._waiting.popleft()
 
     def put(self, item: T | Mark) -> None:
-        """Adds one; a backlog that is full goes, and with it this one."""
-        if len(self._waiting) >= BACKLOG and item is not Mark.CLOSED:
+        """Add an item. If the backlog is full, it and the item are replaced by `Mark.MISSED`."""
+        if len(self._waiting) >= MAX_BACKLOG and item is not Mark.CLOSED:
             self._waiting.clear()
             item = Mark.MISSED
         self._waiting.append(item)
-        self._news.set()
+        self._available.set()
 
 
 class EventHub(Generic[T]):
-    """Brings what is published to all who follow. Without anybody it needs no event loop, and keeps nothing."""
+    """Delivers published events to all subscribers. Without subscribers it needs no event loop and keeps nothing."""
 
     def __init__(self) -> None:
-        self._followers: set[Follower[T]] = set()
-        """For the event loop's thread."""
+        self._subscribers: set[Subscriber[T]] = set()
+        """Used in the event loop's thread only."""
         self._lock = threading.Lock()
-        """Of all that is below; held for moments only."""
+        """Guards all members below. It is held only briefly."""
         self._loop: asyncio.AbstractEventLoop | None = None
-        """While somebody follows."""
+        """Event loop of the subscribers, or None without subscribers."""
         self._inbox: list[tuple[str | None, T | Mark]] = []
-        self._woken = False
+        self._wake_up_pending = False
         self._closed = False
 
     @property
-    def followers(self) -> int:
-        """How many follow."""
-        return len(self._followers)
+    def subscribers(self) -> int:
+        """Number of subscribers."""
+        return len(self._subscribers)
 
     @property
     def closed(self) -> bool:
-        """There will be no more news."""
+        """Whether the hub is closed, so that no further event will come."""
         return self._closed
 
     def publish(self, topic: str | None, item: T) -> None:
-        """For those who follow the topic, or all; `topic` None: for the latter only. From any thread, in order."""
+        """Publish an event to the subscribers of its topic and of all topics, in order. Call it from any thread.
+
+        Args:
+            topic: Topic of the event. None: only the subscribers of all topics get it.
+            item: The event.
+        """
         with self._lock:
             if self._loop is None or self._closed:
                 return
-            if len(self._inbox) >= INBOX:  # the loop hangs
+            if len(self._inbox) >= MAX_INBOX:  # the event loop does not run
                 self._inbox = [(None, Mark.MISSED)]
             else:
                 self._inbox.append((topic, item))
             self._wake()
 
     def close(self) -> None:
-        """Those who follow get what was published so far, and then the end. From any thread."""
+        """Deliver the events published so far, and then `Mark.CLOSED`. Call it from any thread."""
         with self._lock:
             self._closed = True
             self._wake()
 
     @contextmanager
-    def following(self, topic: str | None) -> Iterator[Follower[T]]:
-        """Follows a topic, None: all, for as long as it lasts; all that is published from its beginning on.
+    def subscribe(self, topic: str | None) -> Iterator[Subscriber[T]]:
+        """Subscribe to all events of a topic that are published while the context is open.
 
-        For the event loop's thread.
+        Enter the context in the event loop's thread.
+
+        Args:
+            topic: The topic. None: all topics.
         """
-        follower: Follower[T] = Follower(topic)
+        subscriber: Subscriber[T] = Subscriber(topic)
         with self._lock:
             if self._loop is None:
-                self._loop, self._woken = asyncio.get_running_loop(), False
-            self._followers.add(follower)
+                self._loop, self._wake_up_pending = asyncio.get_running_loop(), False
+            self._subscribers.add(subscriber)
             if self._closed:
-                follower.put(Mark.CLOSED)
+                subscriber.put(Mark.CLOSED)
         try:
-            yield follower
+            yield subscriber
         finally:
             with self._lock:
-                self._followers.discard(follower)
-                if not self._followers:
+                self._subscribers.discard(subscriber)
+                if not self._subscribers:
                     self._loop, self._inbox = None, []
 
     def _wake(self) -> None:
-        """With the lock."""
-        if self._loop is None or self._woken:
+        """Schedule a delivery, unless one is pending. The caller holds the lock."""
+        if self._loop is None or self._wake_up_pending:
             return
         try:
             self._loop.call_soon_threadsafe(self._deliver)
-            self._woken = True
-        except RuntimeError:  # the loop has ended, and with it all who followed
+            self._wake_up_pending = True
+        except RuntimeError:  # the loop has ended, and with it all subscribers
             self._loop, self._inbox = None, []
 
     def _deliver(self) -> None:
-        """In the event loop's thread."""
+        """Move the inbox to the subscribers. Runs in the event loop's thread."""
         with self._lock:
-            news, self._inbox, self._woken = self._inbox, [], False
+            items, self._inbox, self._wake_up_pending = self._inbox, [], False
             closed = self._closed
-        for follower in self._followers:
-            for topic, item in news:
-                if isinstance(item, Mark) or follower.topic is None or follower.topic == topic:
-                    follower.put(item)
+        for subscriber in self._subscribers:
+            for topic, item in items:
+                if isinstance(item, Mark) or subscriber.topic is None or subscriber.topic == topic:
+                    subscriber.put(item)
             if closed:
-                follower.put(Mark.CLOSED)
+                subscriber.put(Mark.CLOSED)

@@ -1,4 +1,4 @@
-"""So many event streams at a time, and no more: each holds a connection for as long as its client likes."""
+"""Limit on concurrent event streams, each of which holds a connection for as long as its client wants."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -10,30 +10,38 @@ RETRY_AFTER_S = 5.0
 
 
 class StreamSlots:
-    """Counts the open streams. For the event loop's thread."""
+    """Slots of the open streams, for use in the event loop's thread."""
 
-    def __init__(self, in_all: int, each: int) -> None:
-        """`each`: so many for one caller."""
-        self._in_all, self._each = in_all, each
+    def __init__(self, max_total: int, max_per_caller: int) -> None:
+        """Create the slots.
+
+        Args:
+            max_total: Number of slots.
+            max_per_caller: Number of slots that one caller can take.
+        """
+        self._max_total, self._max_per_caller = max_total, max_per_caller
         self._open: Counter[str | None] = Counter()
 
     @property
     def open(self) -> int:
-        """How many streams are open."""
+        """Number of open streams."""
         return self._open.total()
 
     @contextmanager
-    def taken(self, caller: str | None) -> Iterator[None]:
-        """A slot for as long as it lasts; `caller` None: nobody had to say who he is, so that only all are counted.
+    def acquire(self, caller: str | None) -> Iterator[None]:
+        """Hold a slot while the context is open.
+
+        Args:
+            caller: Name of the caller. None means that no token was needed; then only the total is limited.
 
         Raises:
-            ServiceError: `too-many-streams`.
+            ServiceError: `too-many-streams`: No slot is free, or the caller has all its slots.
         """
-        if caller is not None and self._open[caller] >= self._each:
-            detail = f"you follow {self._open[caller]} event streams already: close one, or ask at intervals instead"
+        if caller is not None and self._open[caller] >= self._max_per_caller:
+            detail = f"you follow {self._open[caller]} event streams already: close one, or poll instead"
             raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
-        if self.open >= self._in_all:
-            detail = f"{self.open} event streams are open already: ask at intervals instead, or try again later"
+        if self.open >= self._max_total:
+            detail = f"{self.open} event streams are open already: poll instead, or try again later"
             raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
         self._open[caller] += 1
         try:

@@ -1,4 +1,4 @@
-"""Whether the store is whole: what the database tells, and what is there. Nothing is changed by looking."""
+"""The integrity check: compare the database with the files of the data folder. The check changes nothing."""
 
 import shutil
 import stat
@@ -10,52 +10,58 @@ from service.integrity.database_check import Rows, check_database
 from service.integrity.finding import REPAIR, Finding, Group
 from service.integrity.recording_check import check_recordings
 from service.integrity.result_check import check_calibrations, check_results
-from service.security.auth.tokens import FILE, TokensError, read_tokens
+from service.security.auth.tokens import TOKENS_FILE, TokensError, read_tokens
 from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
 
 
 @dataclass(frozen=True)
-class Examined:
-    """A store, and how to look at it."""
+class CheckTarget:
+    """A data folder, and how to check it."""
 
     root: Path
     """The data folder."""
     runs: Path
-    """Where calibrations by the cell lie."""
+    """Folder of the calibrations that the cell made."""
     min_free_bytes: int
+    """Free space below which the service starts nothing."""
     quick: bool = False
-    """Sizes only: no file is read."""
+    """Compare sizes only; read no file."""
 
     @property
     def database(self) -> Path:
-        """The database's file."""
+        """File of the database."""
         return self.root / DATABASE
 
 
 @dataclass(frozen=True)
-class Examination:
-    """What was found."""
+class CheckReport:
+    """Result of an integrity check."""
 
     findings: tuple[Finding, ...]
-    looked_at: dict[Group, str]
-    """What was looked at, in words, by what it is of; what is not among them could not be."""
+    checked: dict[Group, str]
+    """Description of what was checked in each group. A group that could not be checked is absent."""
     service_runs: bool
-    """One did: what it was just about is no finding."""
+    """Whether a service ran during the check. Its work in progress is then not a finding."""
 
 
-def examined_by(config: ServiceConfig, quick: bool = False) -> Examined:
-    """The configured store."""
+def check_target(config: ServiceConfig, quick: bool = False) -> CheckTarget:
+    """Return the configured data folder as a target of the check.
+
+    Args:
+        config: Configuration of the service.
+        quick: Compare sizes only.
+    """
     folder = config.cell.hand_eye.folder
-    assert folder is not None, "the service's configuration always names one"
-    return Examined(config.data_dir, folder / "runs", config.limits.min_free_bytes, quick)
+    assert folder is not None, "the configuration of the service always names a folder"
+    return CheckTarget(config.data_dir, folder / "runs", config.limits.min_free_bytes, quick)
 
 
-def service_runs(root: Path) -> bool:
-    """A service has the data folder's lock."""
+def is_service_running(root: Path) -> bool:
+    """Return whether a service holds the lock of the data folder. False where the system has no such lock."""
     try:
         import fcntl
-    except ImportError:  # not POSIX: there is no lock
+    except ImportError:  # only POSIX has this lock
         return False
     try:
         with (root / "lock").open("rb") as file:
@@ -67,116 +73,125 @@ def service_runs(root: Path) -> bool:
     return False
 
 
-def examine(store: Examined, running: bool | None = None) -> Examination:
-    """All findings. `running` where it is known whether a service runs, as when the lock is one's own.
+def check_store(store: CheckTarget, running: bool | None = None) -> CheckReport:
+    """Return all findings of a data folder.
+
+    While a service runs, rows and files may change during the check. The check then runs twice and reports only what
+    both found.
+
+    Args:
+        store: The data folder.
+        running: Whether a service runs, if the caller knows it, for example because it holds the lock itself. None:
+            find out by the lock.
 
     Raises:
-        OSError: the disk cannot be read.
+        OSError: The disk cannot be read.
     """
-    found = _examine(store, running)
-    if not (found.service_runs and found.findings):
-        return found
-    # Rows and files may have come and gone while they were looked at: what is found twice is so.
-    again = _examine(store, running)
-    return replace(again, findings=tuple(finding for finding in again.findings if finding in found.findings))
+    report = _check_store_once(store, running)
+    if not (report.service_runs and report.findings):
+        return report
+    second = _check_store_once(store, running)
+    return replace(second, findings=tuple(finding for finding in second.findings if finding in report.findings))
 
 
-def _examine(store: Examined, running: bool | None) -> Examination:
+def _check_store_once(store: CheckTarget, running: bool | None) -> CheckReport:
     root = store.root
     if not root.is_dir():
-        what = "it is no folder" if root.exists() else "there is no such folder"
-        advice = "set data_dir to where it is; a service that starts makes a new one"
-        return Examination((Finding("data folder", "folder-unusable", str(root), what, advice, False),), {}, False)
-    running = service_runs(root) if running is None else running
-    # Files before rows: a service that is at work writes rows last.
-    recordings, results, runs = _listed(root / "recordings"), _listed(root / "scans"), _listed(store.runs)
-    findings, looked_at = _leftovers(root, running), dict[Group, str]()
-    looked_at["data folder"] = f"{root}" + (", in use by a service" if running else "")
-    rows = _database(store, bool(recordings or results), findings, looked_at)
+        what = "it is not a folder" if root.exists() else "the folder does not exist"
+        advice = "set data_dir to the data folder; the service makes a new folder when it starts"
+        return CheckReport((Finding("data folder", "folder-unusable", str(root), what, advice, False),), {}, False)
+    running = is_service_running(root) if running is None else running
+    # files are listed before rows, because a running service writes rows last
+    recordings, results, runs = _entries(root / "recordings"), _entries(root / "scans"), _entries(store.runs)
+    findings, checked = _leftovers(root, running), dict[Group, str]()
+    checked["data folder"] = f"{root}" + (", in use by a service" if running else "")
+    rows = _database(store, bool(recordings or results), findings, checked)
     if rows is not None:
         if not running:
             findings += _unfinished(rows)
         findings += check_recordings(root / "recordings", recordings, rows, store.quick, running)
-        looked_at["recordings"] = f"{len(rows.recordings)} recordings"
+        checked["recordings"] = f"{len(rows.recordings)} recordings"
         findings += check_results(root / "scans", results, rows, store.quick, running)
-        looked_at["results"] = f"{len(rows.scans)} scans"
-        # A folder elsewhere may be other services' too.
+        checked["results"] = f"{len(rows.scans)} scans"
+        # other services may use a folder outside the data folder
         own = runs if store.runs.is_relative_to(root) else []
         findings += check_calibrations(store.runs, own, rows, running)
-        looked_at["calibrations"] = f"{len(rows.calibrations)} calibrations and verifications by the cell"
-    findings += _tokens(root / FILE, store.database if store.database.exists() else root)
-    looked_at["tokens"] = FILE if (root / FILE).exists() else "there are none"
+        checked["calibrations"] = f"{len(rows.calibrations)} calibrations and verifications by the cell"
+    findings += _tokens(root / TOKENS_FILE, store.database if store.database.exists() else root)
+    checked["tokens"] = TOKENS_FILE if (root / TOKENS_FILE).exists() else "no tokens yet"
     free = shutil.disk_usage(root).free
-    looked_at["disk"] = f"{free / 2**30:.1f} GiB free"
+    checked["disk"] = f"{free / 2**30:.1f} GiB free"
     if free < store.min_free_bytes:
-        what = f"{free / 2**20:.0f} MiB are free, {store.min_free_bytes / 2**20:.0f} MiB needed to begin anything"
-        advice = "free some space, have old scans removed (retention), or set limits.min_free_bytes lower"
+        what = f"{free / 2**20:.0f} MiB are free; starting a job needs {store.min_free_bytes / 2**20:.0f} MiB"
+        advice = "free some space, let the retention remove old scans, or lower limits.min_free_bytes"
         findings.append(Finding("disk", "little-space", str(root), what, advice, False))
-    return Examination(tuple(findings), looked_at, running)
+    return CheckReport(tuple(findings), checked, running)
 
 
-def _listed(folder: Path) -> list[Path]:
+def _entries(folder: Path) -> list[Path]:
     return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def _leftovers(root: Path, running: bool) -> list[Finding]:
     if running:
         return []
-    what = "it was being written when a service ended"
-    advice = f"{REPAIR}: it is put aside; a service that starts removes it"
+    what = "its writing was interrupted when a service ended"
+    advice = f"{REPAIR}: it is moved to lost+found; a service removes it when it starts"
     return [
         Finding("data folder", "leftover", str(path), what, advice, True, path.name)
-        for path in _listed(root / "incoming")
+        for path in _entries(root / "incoming")
     ]
 
 
-def _database(store: Examined, files: bool, findings: list[Finding], looked_at: dict[Group, str]) -> Rows | None:
+def _database(store: CheckTarget, has_files: bool, findings: list[Finding], checked: dict[Group, str]) -> Rows | None:
     if not store.database.exists():
-        if files:
-            advice = f"put it back, or {REPAIR}: recordings are taken into a new one, results put aside"
-            where, what = str(store.database), "there is no database, but files that it should tell of"
+        if has_files:
+            advice = (
+                f"put it back, or {REPAIR}: a new database adopts the recordings, and results are moved to lost+found"
+            )
+            where, what = str(store.database), "the database is missing, but there are recordings or results"
             findings.append(Finding("database", "database-missing", where, what, advice, True))
         else:
-            looked_at["database"] = "there is none yet"
+            checked["database"] = "no database yet"
         return None
     found, rows = check_database(store.database, store.quick)
     findings += found
-    looked_at["database"] = f"{store.database.name}, " + ("quick check" if store.quick else "full check")
+    checked["database"] = f"{store.database.name}, " + ("quick check" if store.quick else "full check")
     return rows
 
 
 def _unfinished(rows: Rows) -> list[Finding]:
     return [
         Finding(
-            "database", "scan-unfinished", f"scan {scan.id}", f"it is {scan.state} by its row, but no service runs",
-            f"start the service, or {REPAIR}: it becomes interrupted", True, scan.id,
+            "database", "scan-unfinished", f"scan {scan.id}", f"its row says {scan.state}, but no service runs",
+            f"start the service, or {REPAIR}: the scan becomes interrupted", True, scan.id,
         )
         for scan in rows.scans.values()
         if scan.state in ACTIVE_STATES
     ]  # fmt: skip
 
 
-def _tokens(path: Path, of_service: Path) -> list[Finding]:
-    """Check the file of tokens; `of_service` is a path that belongs to the user of the service."""
+def _tokens(path: Path, service_path: Path) -> list[Finding]:
+    """Check the file of tokens; `service_path` is any path that belongs to the user of the service."""
     if not path.exists():
         return []
     found = []
     mode = stat.S_IMODE(path.stat().st_mode)
     if mode & 0o077:
-        what = f"others than its owner may read or change it (mode {mode:o})"
+        what = f"users other than its owner may read or change it (mode {mode:o})"
         found.append(Finding("tokens", "tokens-open", str(path), what, f"{REPAIR}, or chmod 600", True))
     try:
         read_tokens(path)
     except TokensError as error:
-        advice = "put back a copy, or remove it and add the tokens anew: `pointchain token add`"
+        advice = "put back a copy, or remove it and add the tokens again: `pointchain token add`"
         found.append(Finding("tokens", "tokens-unreadable", str(path), str(error), advice, False))
     else:
-        user, file = of_service.stat().st_uid, path.stat()
-        # Root reads every file, and the groups of the user are not known here.
+        user, file = service_path.stat().st_uid, path.stat()
+        # root reads every file, and the groups of the user are not known here
         if user != 0 and not mode & (0o400 if file.st_uid == user else 0o044):
             what = (
-                f"the user of the service (uid {user}) cannot read it, since it belongs to uid {file.st_uid} and has "
-                f"mode {mode:03o}: the service refuses every client"
+                f"the user of the service (uid {user}) cannot read it, because it belongs to uid {file.st_uid} and "
+                f"has mode {mode:03o}: the service refuses every client"
             )
             advice = f"give it to that user: `chown {user} {path}` and `chmod 600 {path}`"
             found.append(Finding("tokens", "tokens-unreadable", str(path), what, advice, False))

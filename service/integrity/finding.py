@@ -1,4 +1,4 @@
-"""What the doctor finds."""
+"""Findings of the integrity check."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -17,18 +17,19 @@ Code = Literal[
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is not as it should be."""
+    """One inconsistency in the data folder."""
 
     group: Group
     code: Code
     where: str
-    """Which file or row, as a person finds it."""
+    """The file or row, by its path or its name."""
     what: str
+    """What is wrong; the subject is the file or row."""
     what_to_do: str
     repairable: bool
-    """`--repair` mends it, or saves what can be saved."""
+    """Whether `--repair` repairs it, or recovers what can be recovered."""
     key: str = ""
-    """What it is about, for the repair: an id, the name of a file, a row as TABLE/ROWID."""
+    """Argument of the repair, which is an id, a file name, or TABLE/ROWID."""
 
 
 REPAIR = "run `pointchain doctor --repair` while no service runs"

@@ -1,4 +1,4 @@
-"""Where the doctor puts what it takes out of the store: nothing that holds data is ever removed."""
+"""The folder that keeps everything that a repair takes out of the data folder. Nothing that holds data is deleted."""
 
 import json
 import os
@@ -13,39 +13,73 @@ LOST = "lost+found"
 
 
 class LostAndFound:
-    """DATA_DIR/lost+found/STAMP, made when the first thing is put there, with a line for each in `what-is-here.txt`."""
+    """The folder DATA_DIR/lost+found/STAMP of one repair.
+
+    It is made when the first item is kept. `what-is-here.txt` in it has one line for each file or folder.
+    """
 
     def __init__(self, root: Path) -> None:
         self._root = root
         self.folder = root / LOST / new_id()
 
     def move(self, path: Path, why: str) -> Path:
-        """Puts a file or folder aside; where it is then. Raises OSError."""
-        place = self._place(path)
-        shutil.move(path, place)  # the folder of results, say, may be on another disk
+        """Move a file or folder here.
+
+        Args:
+            path: File or folder.
+            why: Reason, for `what-is-here.txt`.
+
+        Returns:
+            The new path.
+
+        Raises:
+            OSError: The file cannot be moved.
+        """
+        kept = self._free_path(path)
+        shutil.move(path, kept)  # not a rename, because the folder of results may be on another disk
         sync_folder(self.folder)
         sync_folder(path.parent)
-        self._note(place.name, path, why)
-        return place
+        self._note(kept.name, path, why)
+        return kept
 
     def copy(self, path: Path, why: str) -> Path:
-        """The same, but the file stays where it is, too. Raises OSError."""
-        place = self._place(path)
-        shutil.copy2(path, place)
-        with place.open("rb+") as file:
+        """Copy a file here; the original stays where it is.
+
+        Args:
+            path: File.
+            why: Reason, for `what-is-here.txt`.
+
+        Returns:
+            Path of the copy.
+
+        Raises:
+            OSError: The file cannot be copied.
+        """
+        kept = self._free_path(path)
+        shutil.copy2(path, kept)
+        with kept.open("rb+") as file:
             os.fsync(file.fileno())
         sync_folder(self.folder)
-        self._note(place.name, path, why)
-        return place
+        self._note(kept.name, path, why)
+        return kept
 
     def keep_row(self, table: str, values: dict[str, Any], why: str) -> None:
-        """Keeps a row's content, as a line of `rows.jsonl`. Raises OSError."""
+        """Append a row of the database to `rows.jsonl`.
+
+        Args:
+            table: Table of the row.
+            values: Columns of the row.
+            why: Reason, which is written with the row.
+
+        Raises:
+            OSError: The file cannot be written.
+        """
         self._make_folder()
-        line = json.dumps({"table": table, "why": why, "row": values}, default=_text)
+        line = json.dumps({"table": table, "why": why, "row": values}, default=_to_text)
         with (self.folder / "rows.jsonl").open("a") as file:
             file.write(line + "\n")
             file.flush()
-            os.fsync(file.fileno())  # it is deleted from the database next
+            os.fsync(file.fileno())  # the row is deleted from the database next
         sync_folder(self.folder)
 
     def _make_folder(self) -> None:
@@ -54,18 +88,18 @@ class LostAndFound:
             sync_folder(self.folder.parent)
             sync_folder(self._root)
 
-    def _place(self, path: Path) -> Path:
+    def _free_path(self, path: Path) -> Path:
         self._make_folder()
-        place, number = self.folder / path.name, 1
-        while place.exists() or place.is_symlink():
+        free, number = self.folder / path.name, 1
+        while free.exists() or free.is_symlink():
             number += 1
-            place = self.folder / f"{number}-{path.name}"
-        return place
+            free = self.folder / f"{number}-{path.name}"
+        return free
 
-    def _note(self, name: str, was: Path, why: str) -> None:
+    def _note(self, name: str, original: Path, why: str) -> None:
         with (self.folder / "what-is-here.txt").open("a") as file:
-            file.write(f"{now()} {name} from {was}: {why}\n")
+            file.write(f"{now()} {name} from {original}: {why}\n")
 
 
-def _text(value: object) -> str:
+def _to_text(value: object) -> str:
     return value.hex() if isinstance(value, bytes) else str(value)

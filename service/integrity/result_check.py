@@ -1,4 +1,4 @@
-"""Results of scans and of calibrations: each row has its files, and each folder its row."""
+"""Check that each result of a scan or calibration has its files, and each folder its row."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -6,45 +6,57 @@ from pathlib import Path
 from calibration.dataset.folder import HAND_EYE_FILE
 from service.integrity.database_check import Rows
 from service.integrity.finding import REPAIR, Finding
-from service.integrity.recording_check import changed, hash_file
+from service.integrity.recording_check import describe_change, hash_file
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, ID, MODEL
 from service.storage.rows import ScanRow
 
 
-def check_results(folder: Path, found: Sequence[Path], rows: Rows, quick: bool, running: bool) -> Iterator[Finding]:
-    """Each scan that has a result against its files, and each of `found`, listed before, against the scans."""
+def check_results(folder: Path, paths: Sequence[Path], rows: Rows, quick: bool, running: bool) -> Iterator[Finding]:
+    """Compare each scan that has a result with its files, and each path with the scans.
+
+    Args:
+        folder: Folder of the results.
+        paths: Entries of `folder`, listed before the rows were read.
+        rows: Rows of the database.
+        quick: Compare sizes only.
+        running: Whether a service runs. The files of its active scans are then not findings.
+
+    Yields:
+        One finding for each damaged result or unknown path.
+    """
     for scan in rows.scans.values():
         if scan.state in RESULT_STATES:
             yield from _compare(folder / scan.id, scan, quick)
-    for path in found:
+    for path in paths:
         scan = rows.scans.get(path.name)
         if path.name in rows.unreadable["scans"]:
-            continue  # that row is corrected first
+            continue  # its row is repaired first
         if scan is not None and (scan.state in RESULT_STATES or (running and scan.state in ACTIVE_STATES)):
             continue
-        what = "no scan with a result tells of it"
-        yield Finding("results", "result-without-row", str(path), what, f"{REPAIR}: it is put aside", True, path.name)
+        what = "no scan with a result refers to it"
+        advice = f"{REPAIR}: it is moved to lost+found"
+        yield Finding("results", "result-without-row", str(path), what, advice, True, path.name)
 
 
 def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
-    """The first thing that is wrong: it is one result."""
+    """Yield the first damage only, because a result is repaired as a whole."""
     advice = (
-        f"put it back, or {REPAIR}: what there is of the result is put aside, and the scan becomes failed; reprocess "
-        "it then"
+        f"put it back, or {REPAIR}: the rest of the result is moved to lost+found, and the scan becomes failed; then "
+        "reprocess it"
     )
     for name in (MODEL, CLOUD):
         path = folder / name
         if folder.is_symlink() or not path.is_file() or path.is_symlink():
-            yield Finding("results", "result-missing", str(path), "there is no such file", advice, True, scan.id)
+            yield Finding("results", "result-missing", str(path), "the file is missing", advice, True, scan.id)
             return
-        told = (scan.files or {}).get(name)
-        if told is None:
+        written = (scan.files or {}).get(name)
+        if written is None:
             continue
         try:
             size = path.stat().st_size
-            same = size == told["size_bytes"] and (quick or hash_file(path).sha256 == told["sha256"])
-            what = changed(size, told["size_bytes"])
+            same = size == written["size_bytes"] and (quick or hash_file(path).sha256 == written["sha256"])
+            what = describe_change(size, written["size_bytes"])
         except OSError as error:
             same, what = False, f"it cannot be read: {error.strerror or error}"
         if not same:
@@ -52,26 +64,31 @@ def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
             return
 
 
-def check_calibrations(runs: Path, found: Sequence[Path], rows: Rows, running: bool) -> Iterator[Finding]:
-    """Each calibration that has a result against its file, and each folder with the name of one against the rows.
+def check_calibrations(runs: Path, paths: Sequence[Path], rows: Rows, running: bool) -> Iterator[Finding]:
+    """Compare each calibration that has a result with its file, and each folder named by an id with the rows.
 
-    Those that the command line made have names of another form, and no row.
+    Calibrations made on the command line have names of another form and no row. They are skipped.
+
+    Args:
+        runs: Folder of the calibrations.
+        paths: Entries of `runs`, listed before the rows were read.
+        rows: Rows of the database.
+        running: Whether a service runs. Its active calibrations are then not findings.
+
+    Yields:
+        One finding for each missing file, unfinished calibration or unknown folder.
     """
     for row in rows.calibrations.values():
         path = runs / row.id / HAND_EYE_FILE
         if row.kind == "calibration" and row.state == "succeeded" and not path.is_file():
-            advice = f"put it back, or {REPAIR}: the calibration becomes failed; calibrate again then"
-            yield Finding(
-                "calibrations", "calibration-missing", str(path), "there is no such file", advice, True, row.id
-            )
+            advice = f"put it back, or {REPAIR}: the calibration becomes failed; then calibrate again"
+            yield Finding("calibrations", "calibration-missing", str(path), "the file is missing", advice, True, row.id)
         if not running and row.state in ACTIVE_STATES:
-            what = f"it is {row.state} by its row, but no service runs"
+            what = f"its row says {row.state}, but no service runs"
             where, advice = f"{row.kind} {row.id}", f"start the service, or {REPAIR}"
             yield Finding("calibrations", "calibration-unfinished", where, what, advice, True, row.id)
-    for path in found:
+    for path in paths:
         known = path.name in rows.calibrations or path.name in rows.unreadable["calibrations"]
         if ID.fullmatch(path.name) and not known:
-            advice = f"{REPAIR}: it is put aside"
-            yield Finding(
-                "calibrations", "calibration-without-row", str(path), "no row tells of it", advice, True, path.name
-            )
+            what, advice = "no database row refers to it", f"{REPAIR}: it is moved to lost+found"
+            yield Finding("calibrations", "calibration-without-row", str(path), what, advice, True, path.name)

@@ -1,4 +1,7 @@
-"""Rows as the service would tell them: one that it cannot tell is an error in every list that has it."""
+"""Decoding of database rows, checked as far as the service needs to return them.
+
+A row that the service cannot return makes every list fail that contains it.
+"""
 
 import reprlib
 from collections.abc import Callable, Iterator
@@ -25,7 +28,7 @@ from service.storage.rows import (
 
 
 class UnreadableRowError(ValueError):
-    """A row that the service cannot tell; the message says why, in one line."""
+    """The service cannot return this row. The message gives the reason, in one line."""
 
 
 class _File(BaseModel):
@@ -38,18 +41,26 @@ class _File(BaseModel):
 _FILES: TypeAdapter[dict[str, _File]] = TypeAdapter(dict[str, _File])
 
 
-def readable_recording(values: dict[str, Any]) -> RecordingRow:
-    """The row of these columns. Raises UnreadableRowError."""
-    with _told(values):
-        row = to_recording(values)  # pyright: ignore[reportArgumentType] (by its columns' names, as of a sqlite3.Row)
+def decode_recording(values: dict[str, Any]) -> RecordingRow:
+    """Return the recording of these columns.
+
+    Raises:
+        UnreadableRowError: A column is missing or invalid.
+    """
+    with _unreadable_on_error(values):
+        row = to_recording(values)  # pyright: ignore[reportArgumentType] (is read by column names, like a sqlite3.Row)
         _require_id(row.id)
         recording_resource(row)
         return row
 
 
-def readable_scan(values: dict[str, Any]) -> ScanRow:
-    """The row of these columns. Raises UnreadableRowError."""
-    with _told(values):
+def decode_scan(values: dict[str, Any]) -> ScanRow:
+    """Return the scan of these columns.
+
+    Raises:
+        UnreadableRowError: A column is missing or invalid.
+    """
+    with _unreadable_on_error(values):
         row = to_scan(values)  # pyright: ignore[reportArgumentType]
         _require_id(row.id)
         scan_resource(row, [])
@@ -58,59 +69,81 @@ def readable_scan(values: dict[str, Any]) -> ScanRow:
         return row
 
 
-def readable_view(values: dict[str, Any], of: Callable[[str], ScanRow | None]) -> ViewRow:
-    """The row of these columns; `of` gives its scan, if that can be read. Raises UnreadableRowError."""
-    with _told(values):
+def decode_view(values: dict[str, Any], scan_of: Callable[[str], ScanRow | None]) -> ViewRow:
+    """Return the view of these columns.
+
+    Args:
+        values: Columns of the row.
+        scan_of: Returns the scan with an id; None if it cannot be read.
+
+    Raises:
+        UnreadableRowError: A column is missing or invalid.
+    """
+    with _unreadable_on_error(values):
         row = ViewRow(**values)
         _require_id(row.scan)
         for name in ("offset_bytes", "size_bytes"):
             if not isinstance(values[name], int | None):
-                raise ValueError(f"{name} is {reprlib.repr(values[name])}: it is no number")
-        if (scan := of(row.scan)) is not None:
+                raise ValueError(f"{name} is {reprlib.repr(values[name])}, which is not a number")
+        if (scan := scan_of(row.scan)) is not None:
             scan_resource(scan, [row])
         return row
 
 
-def readable_calibration(values: dict[str, Any]) -> CalibrationRow:
-    """The row of these columns. Raises UnreadableRowError."""
-    with _told(values):
+def decode_calibration(values: dict[str, Any]) -> CalibrationRow:
+    """Return the calibration of these columns.
+
+    Raises:
+        UnreadableRowError: A column is missing or invalid.
+    """
+    with _unreadable_on_error(values):
         row = to_calibration(values)  # pyright: ignore[reportArgumentType]
         _require_id(row.id)
         run_resource(row, [])
         return row
 
 
-def readable_calibration_view(values: dict[str, Any], of: Callable[[str], CalibrationRow | None]) -> CalibrationViewRow:
-    """The row of these columns; `of` gives its calibration, if that can be read. Raises UnreadableRowError."""
-    with _told(values):
+def decode_calibration_view(
+    values: dict[str, Any], calibration_of: Callable[[str], CalibrationRow | None]
+) -> CalibrationViewRow:
+    """Return the calibration view of these columns.
+
+    Args:
+        values: Columns of the row.
+        calibration_of: Returns the calibration with an id; None if it cannot be read.
+
+    Raises:
+        UnreadableRowError: A column is missing or invalid.
+    """
+    with _unreadable_on_error(values):
         row = to_calibration_view(values)  # pyright: ignore[reportArgumentType]
-        if (calibration := of(row.calibration)) is not None:
+        if (calibration := calibration_of(row.calibration)) is not None:
             run_resource(calibration, [row])
         return row
 
 
 @contextmanager
-def _told(values: dict[str, Any]) -> Iterator[None]:
-    """What making a row and its resource raises, as one error in one line."""
+def _unreadable_on_error(values: dict[str, Any]) -> Iterator[None]:
+    """Turn every error of the decoding into an UnreadableRowError with a message of one line."""
     try:
         for name, value in values.items():
-            if isinstance(value, bytes):  # SQLite itself takes anything
-                raise ValueError(f"{name} is {reprlib.repr(value)}: it is no text")
+            if isinstance(value, bytes):  # SQLite accepts any bytes in a text column
+                raise ValueError(f"{name} is {reprlib.repr(value)}, which is not text")
         yield
     except ValidationError as error:
-        raise UnreadableRowError("; ".join(map(_words, error.errors(include_url=False)))) from error
+        raise UnreadableRowError("; ".join(map(_describe, error.errors(include_url=False)))) from error
     except KeyError as error:
         raise UnreadableRowError(f"it has no {error}") from error
     except (ValueError, TypeError) as error:
         raise UnreadableRowError(str(error)) from error
 
 
-def _words(error: Any) -> str:
+def _describe(error: Any) -> str:
     where = ".".join(map(str, error["loc"])) or "it"
     return f"{where} is {reprlib.repr(error['input'])}: {error['msg']}"
 
 
 def _require_id(row_id: object) -> None:
-    """Raises ValueError: it is none of ours, so that nothing may be looked for by it."""
+    """Raise ValueError for an id that the service did not make: no file may be opened by it."""
     if not isinstance(row_id, str) or not ID.fullmatch(row_id):
         raise ValueError(f"{reprlib.repr(row_id)} is not an id")

@@ -1,5 +1,7 @@
-"""Rows that the service cannot tell, with as little changed as makes them readable: what hangs on them, as results, a
-recording and views, keeps its place then."""
+"""Repair of unreadable rows, with as few changed columns as possible.
+
+A repaired row keeps its id, so its results, recording and views still belong to it.
+"""
 
 import json
 import sqlite3
@@ -7,38 +9,47 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from service.errors import Failure
-from service.integrity.row_decoding import UnreadableRowError, readable_calibration, readable_scan
+from service.integrity.row_decoding import UnreadableRowError, decode_calibration, decode_scan
 from service.storage.rows import stored
 
-UNREADABLE = "its row was damaged; the row as it was is in lost+found: do it again"
+UNREADABLE = "its database row was damaged; the original row is in lost+found: run it again"
 
 
-def mended_row(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
-    """Which columns to set to what; none where the row is readable; None where nothing helps."""
+def repaired_columns(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the columns to change, with their new values.
+
+    Args:
+        db: Connection to the database of the row.
+        table: Table of the row.
+        values: Columns of the row.
+
+    Returns:
+        An empty dictionary if the row is readable; None if no change makes it readable.
+    """
     if table == "scans":
-        return _first_readable(values, readable_scan, _scan_changes(db, values))
+        return _first_readable(values, decode_scan, _scan_changes(db, values))
     if table == "calibrations":
-        return _first_readable(values, readable_calibration, _calibration_changes(values))
+        return _first_readable(values, decode_calibration, _calibration_changes(values))
     return None
 
 
 def _first_readable(
-    values: dict[str, Any], readable: Callable[[dict[str, Any]], object], changes: Iterator[dict[str, Any]]
+    values: dict[str, Any], decode: Callable[[dict[str, Any]], object], changes: Iterator[dict[str, Any]]
 ) -> dict[str, Any] | None:
-    """Each change comes on top of those before."""
-    done: dict[str, Any] = {}
+    """Apply the changes one after the other, each on top of the earlier ones, until the row is readable."""
+    applied: dict[str, Any] = {}
     for change in ({}, *changes):
-        done |= change
+        applied |= change
         try:
-            readable(values | done)
+            decode(values | applied)
         except UnreadableRowError:
             continue
-        return done
+        return applied
     return None
 
 
 def _scan_changes(db: sqlite3.Connection, values: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """From what is known for sure to what gives the result up."""
+    """Yield changes, from values that are known for certain to a failed scan without a result."""
     event = _last_event(db, values["id"])
     yield {name: event[name] for name in ("state", "stage", "fraction") if name in event}
     yield {name: stored(event[name]) for name in ("failure", "summary") if name in event}
@@ -48,7 +59,7 @@ def _scan_changes(db: sqlite3.Connection, values: dict[str, Any]) -> Iterator[di
 
 
 def _last_event(db: sqlite3.Connection, scan_id: object) -> dict[str, Any]:
-    """What was written together with the scan's last state; nothing where that cannot be told."""
+    """Return the event that was written together with the last state of the scan; empty if none can be read."""
     sql = "SELECT data FROM events WHERE scan = ? AND kind = 'state' ORDER BY id DESC LIMIT 1"
     row = db.execute(sql, (scan_id,)).fetchone()
     try:
@@ -60,7 +71,7 @@ def _last_event(db: sqlite3.Connection, scan_id: object) -> dict[str, Any]:
 
 def _calibration_changes(values: dict[str, Any]) -> Iterator[dict[str, Any]]:
     if values["result" if values["kind"] == "calibration" else "verification"]:
-        # It is written together with the end.
+        # the result is written together with the final state
         yield {"state": "succeeded", "stage": None, "fraction": 1.0, "failure": None}
     yield _failed()
     yield {"board": None, "coverage": 0.0, "warnings": "[]", "result": None, "verification": None}

@@ -1,1 +1,5 @@
-"""Other programs' files: bags, clouds and depth images in; point clouds and tables of models out."""
+"""Import and export of files of other programs.
+
+In: ROS bags, point clouds and folders of depth images, which become recordings. Out: models as point clouds with edges
+(PLY), tables (CSV) and scenes (MCAP). Each module serves one command and prints its report to stderr.
+"""

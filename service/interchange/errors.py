@@ -1,7 +1,7 @@
-"""What cannot be exported."""
+"""Errors of an export."""
 
 
 class ExportError(ValueError):
-    """A model that is none, or a file that is not written; the message says what to do."""
+    """The input is not a model, or the output cannot be written. The message says what to do."""
 
     slug = "export"

@@ -1,4 +1,4 @@
-"""`pointchain export`: a model as a file of another kind, which the name's ending tells."""
+"""`pointchain export`: write a model in another format, which the suffix of the file selects."""
 
 import os
 import sys
@@ -15,23 +15,28 @@ from service.interchange.point_files import to_csv, to_point_ply
 
 Write = Callable[[Path, Mapping[str, Any]], None]
 
-KINDS: Mapping[str, Write] = {
+WRITERS: Mapping[str, Write] = {
     ".ply": lambda path, model: write_synced(path, to_point_ply(model)),
     ".csv": lambda path, model: write_synced(path, to_csv(model)),
     ".mcap": write_result_file,
 }
-"""By the file's ending."""
+"""Functions that write a model, by the suffix of the file."""
 
 
 def export(model: Path, out: Path) -> int:
-    """Exports the model in the file `model` to the new file `out`; the exit code."""
+    """Export a model to a new file and return the exit code.
+
+    Args:
+        model: File with the model; `-` is stdin.
+        out: File to write.
+    """
     try:
-        if out.suffix.lower() not in KINDS:
-            raise ExportError(f"{out} ends in none of {', '.join(KINDS)}, by which it is known what to write")
+        if out.suffix.lower() not in WRITERS:
+            raise ExportError(f"{out} has no known format: choose a name that ends in one of {', '.join(WRITERS)}")
         if out.exists():
             raise ExportError(f"{out} exists already; nothing is overwritten: choose another name")
         document = read_model(model)
-        _write(out, KINDS[out.suffix.lower()], document)
+        _write(out, WRITERS[out.suffix.lower()], document)
     except (ExportError, RecordingError) as error:
         print(f"pointchain export: {error}", file=sys.stderr)
         return 1
@@ -44,7 +49,7 @@ def export(model: Path, out: Path) -> int:
 
 
 def _write(out: Path, write: Write, document: Mapping[str, Any]) -> None:
-    """Under another name first, then renamed: it is complete or not there."""
+    """Write under another name, then rename, so that the file is complete or does not exist."""
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.partial")
     try:
         write(unfinished, document)

@@ -1,4 +1,4 @@
-"""`pointchain import bag`: a ROS bag to a recording, and in words what was taken of it."""
+"""`pointchain import bag`: a ROS bag to a recording, with a report on stderr."""
 
 import argparse
 import sys
@@ -14,20 +14,24 @@ COMMAND = "pointchain import bag"
 
 
 def import_recording(options: argparse.Namespace) -> int:
-    """Imports as the command's options say; the exit code."""
+    """Import a bag and return the exit code.
+
+    Args:
+        options: Parsed options of `pointchain import bag`.
+    """
     try:
-        imported = import_bag(options.bag, options.out, _wanted(options))
+        imported = import_bag(options.bag, options.out, _request(options))
     except (*INPUT_ERRORS, HandEyeError) as error:
         print(f"{COMMAND}: {error}", file=sys.stderr)
         return 1
     except OSError as error:
         print(f"{COMMAND}: {options.out} cannot be written: {error.strerror or error}", file=sys.stderr)
         return 1
-    _tell(imported, options.out)
+    _report(imported, options.out)
     return 0
 
 
-def _wanted(options: argparse.Namespace) -> BagRequest:
+def _request(options: argparse.Namespace) -> BagRequest:
     hand_eye = given_hand_eye(options, COMMAND)
     return BagRequest(
         depth_topic=options.depth_topic,
@@ -44,7 +48,7 @@ def _wanted(options: argparse.Namespace) -> BagRequest:
     )
 
 
-def _tell(imported: ImportedBag, out: Path) -> None:
+def _report(imported: ImportedBag, out: Path) -> None:
     topics, frames, stationary = imported.topics, imported.frames, imported.stationary
     counts = sorted({len(pose.frames) for pose in stationary.poses})
     images = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
@@ -55,7 +59,10 @@ def _tell(imported: ImportedBag, out: Path) -> None:
         f"motion and {stationary.unknown} without a known pose",
     ]
     if stationary.single:
-        lines.append("poses are too far apart in time to tell whether the arm stood still: each image's own was taken")
+        lines.append(
+            "poses are too far apart in time to tell whether the arm stood still: each image was used as a view of its "
+            "own"
+        )
     if frames.base == "base_link":
-        lines.append("with a UR, base_link is turned by 180 degrees about z from the controller's base")
+        lines.append("on a UR arm, base_link is turned by 180 degrees about z against the base of the controller")
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

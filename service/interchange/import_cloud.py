@@ -13,7 +13,11 @@ COMMAND = "pointchain import cloud"
 
 
 def import_recording(options: argparse.Namespace) -> int:
-    """Import as the options say, and return the exit code."""
+    """Import point clouds and return the exit code.
+
+    Args:
+        options: Parsed options of `pointchain import cloud`.
+    """
     try:
         request = CloudRequest(
             viewpoints_m=options.viewpoint,
@@ -45,7 +49,7 @@ def _report(imported: ImportedCloud, out: Path) -> None:
     ]
     if imported.form == MERGED:
         lines.append(
-            "a merged file shows the strings only if its clouds are registered and have no noise at the strings' "
-            "edges: give one file for each viewpoint where you have them"
+            "a merged file shows the strings only if its clouds are registered and have no noise at the edges of the "
+            "strings: use one file for each viewpoint if you have them"
         )
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

@@ -10,14 +10,18 @@ from cell.frames.table_fit import SURE_SHARE
 from service.errors import INPUT_ERRORS
 from service.interchange.scene_options import given_box, given_hand_eye, given_radius
 
-OFFSET_M = 0.003
-"""A table farther than this from `--table-z` is warned of: recognition corrects 4 mm, and the poses err too."""
+MAX_TABLE_OFFSET_M = 0.003
+"""Distance of the table from `--table-z` that causes a warning. Recognition corrects up to 4 mm, and poses err too."""
 
 COMMAND = "pointchain import frames"
 
 
 def import_recording(options: argparse.Namespace) -> int:
-    """Import as the options say, and return the exit code."""
+    """Import a folder of depth images and return the exit code.
+
+    Args:
+        options: Parsed options of `pointchain import frames`.
+    """
     try:
         request = FramesRequest(
             **given_hand_eye(options, COMMAND),
@@ -60,10 +64,10 @@ def _report(imported: ImportedFrames, out: Path, table_z_m: float) -> None:
             f"warning: fewer than {SURE_SHARE:.0%} of the pixels are at the table: check {unit}, --table-z, the poses "
             "and the camera matrix"
         )
-    elif imported.table_offset_m is not None and abs(imported.table_offset_m) > OFFSET_M:
-        shown_m = table_z_m + imported.table_offset_m
+    elif imported.table_offset_m is not None and abs(imported.table_offset_m) > MAX_TABLE_OFFSET_M:
+        measured_m = table_z_m + imported.table_offset_m
         lines.append(
-            f"warning: the images show the table at z = {shown_m:.4f} m, not {table_z_m:g} m: give --table-z, or check "
-            "the poses"
+            f"warning: the images show the table at z = {measured_m:.4f} m, not {table_z_m:g} m: give --table-z, or "
+            "check the poses"
         )
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

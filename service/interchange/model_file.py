@@ -1,4 +1,4 @@
-"""The model in a file: what `recognise` prints, or what a live scan's recording keeps."""
+"""Reading of a model: from the output of `pointchain recognise`, or from the recording of a live scan."""
 
 import json
 import math
@@ -16,32 +16,35 @@ from recognition.model.model import SCHEMA
 from service.interchange.errors import ExportError
 
 STDIN = Path("-")
-MOST_BYTES = 64 << 20
-"""A model has some ten kilobytes a metre of string."""
+MAX_BYTES = 64 << 20
+"""Limit on the size of a model. A model has about ten kilobytes per metre of string."""
 
 
 def read_model(path: Path) -> dict[str, Any]:
-    """The model document in `path`, checked; `-` is stdin.
+    """Read and check a model document.
+
+    Args:
+        path: JSON file or recording; `-` is stdin.
 
     Raises:
-        ExportError: there is none, more than one, or why there is none is all that the file tells.
-        RecordingError: a recording that cannot be read.
+        ExportError: The file holds no model, several models, or an error in place of a model.
+        RecordingError: The recording cannot be read.
     """
     if path != STDIN and _is_mcap(path):
         document = read_result(path)
         if document is None:
             raise ExportError(
-                f"{path.name} holds no model, only a live scan's recording does: pointchain recognise {path.name} "
-                "gives it"
+                f"{path.name} holds no model, because only the recording of a live scan holds one: run `pointchain "
+                f"recognise {path.name}` and export its output"
             )
     else:
-        document = _parsed(_content(path), "stdin" if path == STDIN else path.name)
-    return _checked(document, "stdin" if path == STDIN else path.name)
+        document = _parse(_read(path), "stdin" if path == STDIN else path.name)
+    return _check(document, "stdin" if path == STDIN else path.name)
 
 
 def _is_mcap(path: Path) -> bool:
     try:
-        if not path.is_file():  # a pipe would be waited for
+        if not path.is_file():  # reading a pipe would block
             return False
         with path.open("rb") as file:
             return file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
@@ -49,60 +52,61 @@ def _is_mcap(path: Path) -> bool:
         raise ExportError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def _content(path: Path) -> bytes:
+def _read(path: Path) -> bytes:
     if path == STDIN:
-        content = sys.stdin.buffer.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise ExportError(f"stdin has more than {MOST_BYTES >> 20} MiB: no model is so large")
+        content = sys.stdin.buffer.read(MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise ExportError(f"stdin has more than {MAX_BYTES >> 20} MiB, more than any model: give one model")
         return content
     try:
-        return read_limited(path, MOST_BYTES)
+        return read_limited(path, MAX_BYTES)
     except (FileNotFoundError, IsADirectoryError, TooLargeError) as error:
         raise ExportError(str(error)) from error
     except OSError as error:
         raise ExportError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def _parsed(content: bytes, name: str) -> Any:
+def _parse(content: bytes, name: str) -> Any:
     try:
-        return json.loads(content, parse_constant=_refuse_constant, parse_float=_finite)
+        return json.loads(content, parse_constant=_reject_constant, parse_float=_finite)
     except (ValueError, RecursionError) as error:
         lines = [line for line in content.splitlines() if line.strip()]
         if len(lines) > 1 and all(line.startswith(b"{") for line in lines):
             raise ExportError(
-                f"{name} has {len(lines)} documents: give one, as by `sed -n 1p {name} | pointchain export - OUT`"
+                f"{name} has {len(lines)} documents: give one, for example by `sed -n 1p {name} | pointchain export - "
+                "OUT`"
             ) from error
-        raise ExportError(f"{name} is no model, for it is not JSON: {error}") from error
+        raise ExportError(f"{name} is not a model, because it is not JSON: {error}") from error
 
 
-def _checked(document: Any, name: str) -> dict[str, Any]:
+def _check(document: Any, name: str) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise ExportError(f"{name} is no model: a JSON object with schema {SCHEMA!r} is needed")
+        raise ExportError(f"{name} is not a model: a JSON object with schema {SCHEMA!r} is needed")
     if "error" in document:
         error = document["error"]
         detail = error.get("detail") if isinstance(error, dict) else error
-        raise ExportError(f"{name} tells why there is no model: {detail}")
+        raise ExportError(f"{name} holds an error, not a model: {detail}")
     try:
         model = ModelDocument.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise ExportError(f"{name} is no model: {where}: {first['msg']}") from error
+        raise ExportError(f"{name} is not a model: {where}: {first['msg']}") from error
     for chain in model.chains:
         if not len(chain.points) == len(chain.arc_length_m) == len(chain.sigma_m) == len(chain.views):
-            raise ExportError(f"{name} is no model: chain {chain.id} has not as many values as points")
+            raise ExportError(f"{name} is not a model: chain {chain.id} has a different number of values and points")
     ids = {chain.id for chain in model.chains}
     if len(ids) < len(model.chains) or any({c.over.chain, c.under.chain} - ids for c in model.crossings):
-        raise ExportError(f"{name} is no model: ids of chains are there twice, or a crossing is of none of them")
+        raise ExportError(f"{name} is not a model: two chains have the same id, or a crossing has an unknown chain")
     return document
 
 
-def _refuse_constant(name: str) -> NoReturn:
+def _reject_constant(name: str) -> NoReturn:
     raise ValueError(f"it holds {name}")
 
 
 def _finite(number: str) -> float:
     value = float(number)
     if not math.isfinite(value):
-        _refuse_constant(number)
+        _reject_constant(number)
     return value

@@ -1,4 +1,4 @@
-"""A model's points as other programs' files: a point cloud with edges (PLY), and a table (CSV)."""
+"""Export of the points of a model: as a point cloud with edges (PLY), and as a table (CSV)."""
 
 import csv
 import io
@@ -20,15 +20,15 @@ VERTEX = np.dtype(
         ("views", "<i4"),
     ]
 )
-"""Of each point; float32 is 0.1 micrometres at a metre, and what all viewers read."""
+"""Properties of a point. All viewers read float32; its resolution is 0.1 micrometres at one metre."""
 EDGE = np.dtype([("vertex1", "<i4"), ("vertex2", "<i4")])
-"""From each point to the next, as places among the vertices."""
+"""Edge from a point to the next, as indices of vertices."""
 _PLY_NAMES = {"<f4": "float", "<i4": "int"}
 COLUMNS = ("chain", "point", "x_m", "y_m", "z_m", "arc_length_m", "sigma_m", "views", "radius_m")
 
 
 def to_point_ply(model: Mapping[str, Any]) -> bytes:
-    """The chains of a model document as a binary PLY file: its points, and edges from each to the next."""
+    """Return the chains of a model document as a binary PLY file, with an edge from each point to the next."""
     vertices, edges = [np.zeros(0, VERTEX)], [np.zeros(0, EDGE)]
     for chain in model["chains"]:
         first = sum(len(block) for block in vertices)
@@ -45,7 +45,7 @@ def to_point_ply(model: Mapping[str, Any]) -> bytes:
 
 
 def to_csv(model: Mapping[str, Any]) -> bytes:
-    """The chains of a model document as a table with a head and a row for each point."""
+    """Return the chains of a model document as a table, with a header and one row per point."""
     text = io.StringIO(newline="")
     table = csv.writer(text)
     table.writerow(COLUMNS)

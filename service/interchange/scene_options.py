@@ -1,4 +1,4 @@
-"""Options that every `pointchain import` has: string radius, table, workspace and hand-eye calibration."""
+"""Options of every `pointchain import`: string radius, table, workspace and hand-eye calibration."""
 
 import argparse
 import math
@@ -21,7 +21,7 @@ def given_radius(options: argparse.Namespace) -> float | None:
     """Return the string radius, metres; None if the option is not given.
 
     Raises:
-        InvalidParametersError: Recognition accepts no such radius, for example one in millimetres.
+        InvalidParametersError: Recognition does not accept the radius, for example because it is in millimetres.
     """
     from recognition.parameters import ChainParameters
 
@@ -31,15 +31,19 @@ def given_radius(options: argparse.Namespace) -> float | None:
 def given_box(
     options: argparse.Namespace,
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None:
-    """Return the workspace ((x0, x1), (y0, y1), (z0, z1)); None where the option is not given."""
+    """Return the workspace ((x0, x1), (y0, y1), (z0, z1)); None if the option is not given."""
     box = options.workspace
     return None if box is None else ((box[0], box[1]), (box[2], box[3]), (box[4], box[5]))
 
 
 def given_hand_eye(options: argparse.Namespace, command: str) -> dict[str, Any]:
-    """Return `T_flange_camera` and `hand_eye` (its origin), or nothing where the option is not given.
+    """Return `T_flange_camera` and `hand_eye` (its origin), or an empty dictionary if the option is not given.
 
-    The file may be of any age, since the images may be, too. Warnings about it go to stderr.
+    The file may have any age, because the images may be old too. Warnings about it go to stderr.
+
+    Args:
+        options: Parsed options.
+        command: Name of the command, for the warnings.
 
     Raises:
         HandEyeError: The file cannot be used.
@@ -48,7 +52,7 @@ def given_hand_eye(options: argparse.Namespace, command: str) -> dict[str, Any]:
 
     if options.hand_eye is None:
         return {}
-    read = load_hand_eye(options.hand_eye, math.inf)
-    for warning in read.warnings:
+    hand_eye = load_hand_eye(options.hand_eye, math.inf)
+    for warning in hand_eye.warnings:
         print(f"{command}: {warning}", file=sys.stderr)
-    return {"T_flange_camera": read.T_flange_camera, "hand_eye": f"{options.hand_eye.name} {read.sha256}"}
+    return {"T_flange_camera": hand_eye.T_flange_camera, "hand_eye": f"{options.hand_eye.name} {hand_eye.sha256}"}

@@ -1,4 +1,4 @@
-"""Making the result of a calibration the one in use."""
+"""Activation of the result of a calibration run."""
 
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.storage.hand_eye_file import HandEyeError, activate
@@ -12,7 +12,7 @@ from service.storage.rows import CalibrationRow
 from service.storage.storage_errors import is_full
 
 
-def why_not_activated(row: CalibrationRow) -> Failure | None:
+def why_not_activatable(row: CalibrationRow) -> Failure | None:
     """Return why the result of a run cannot be used; None when it can."""
     if row.kind == "verification":
         return Failure("not-activatable", f"{row.id} is a verification: it gives no calibration to activate")
@@ -27,13 +27,13 @@ def why_not_activated(row: CalibrationRow) -> Failure | None:
 
 
 def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> None:
-    """Makes the run's result the calibration in use, in one step, and notes when.
+    """Make the result of the run the active calibration, in one step, and write the time of activation.
 
     Raises:
-        ServiceError: with the reason why it cannot be used.
-        OSError: the disk is full; the former calibration stays.
+        ServiceError: The result cannot be used; the error has the reason.
+        OSError: The disk is full. The former calibration stays active.
     """
-    refusal = why_not_activated(row)
+    refusal = why_not_activatable(row)
     if refusal is not None:
         raise ServiceError(refusal.slug, refusal.message)
     active_file = cell.settings.hand_eye.active_file

@@ -1,4 +1,4 @@
-"""Whether the camera has moved since its calibration, by what live scans have told of it."""
+"""Drift of the hand-eye calibration, estimated from live scans."""
 
 import threading
 
@@ -14,20 +14,22 @@ from service.storage.rows import ScanErrorRow
 
 
 class DriftWatch:
-    """Keeps what each live scan tells, and judges the recent ones by the same calibration. Safe to use from any
-    thread."""
+    """Keeps the hand-eye error that each live scan estimates, and judges the recent ones.
+
+    Safe to use from any thread.
+    """
 
     def __init__(self, store: CalibrationStore) -> None:
         self._store = store
         self._lock = threading.Lock()
-        """Never held while the database is asked."""
+        """Never held during a database query."""
         self.scans = 0
-        """Scans since the start."""
+        """Number of scans added since the start."""
         self._latest: tuple[str, int, Drift] | None = None
-        """The last judgement: of which calibration, after how many scans."""
+        """Hash of the calibration, number of scans and result of the last judgement."""
 
     def add(self, scan_id: str, calibration_sha256: str, error: HandEyeErrorEstimate) -> None:
-        """Keeps what a scan that was made with this calibration tells of it."""
+        """Keep the error that a scan with this calibration estimates."""
         row = ScanErrorRow(
             scan_id,
             calibration_sha256,
@@ -40,7 +42,7 @@ class DriftWatch:
             self.scans += 1
 
     def drift(self, hand_eye: HandEye) -> Drift:
-        """What the recent scans by this calibration tell of it; asks the database only after another scan."""
+        """Judge the recent scans with this calibration. The database is queried only after a further scan."""
         with self._lock:
             added = self.scans
             if self._latest is not None and self._latest[:2] == (hand_eye.sha256, added):
@@ -52,7 +54,7 @@ class DriftWatch:
 
     @property
     def latest(self) -> Drift | None:
-        """The last judgement, from memory: waits for nothing."""
+        """The last judgement, from memory. Does not block."""
         latest = self._latest
         return None if latest is None else latest[2]
 
@@ -60,7 +62,7 @@ class DriftWatch:
         rows = self._store.scan_errors(hand_eye.sha256, MAX_SCANS)
         latest = {row.scan for row in rows[-LATEST_SCANS:]}
         first = [row for row in self._store.first_scan_errors(hand_eye.sha256, LATEST_SCANS) if row.scan not in latest]
-        covariance = _usual() if hand_eye.covariance is None else hand_eye.covariance
+        covariance = _assumed_covariance() if hand_eye.covariance is None else hand_eye.covariance
         return judge_drift(list(map(_scan_error, rows)), covariance, list(map(_scan_error, first)))
 
 
@@ -68,7 +70,7 @@ def _scan_error(row: ScanErrorRow) -> ScanLikelihood:
     return ScanLikelihood(np.array(row.information), np.array(row.vector))
 
 
-def _usual() -> NDArray[np.float64]:
-    """(6, 6) covariance of the error of a calibration that does not tell how sure it is: as registration has it."""
+def _assumed_covariance() -> NDArray[np.float64]:
+    """Return the (6, 6) covariance that registration assumes for a calibration without one."""
     sigmas = PoseSigmas()
     return np.diag(np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3) ** 2)

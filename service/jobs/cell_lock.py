@@ -1,4 +1,4 @@
-"""The one place for what is under way: a scan or a calibration."""
+"""The lock that admits one job at a time."""
 
 import threading
 import time
@@ -8,122 +8,121 @@ from typing import Any
 
 from cell.errors import CellError
 from service.errors import ServiceError
-from service.jobs.job import Running
+from service.jobs.job import Job
 
-SOON_S = 1.0
-"""Whoever finds that something is being prepared waits so long to be told what. A replay is accepted within
-milliseconds; for a live scan the cell may have to be connected first."""
-TURN_S = 0.5
-"""Taking or leaving the place is a matter of milliseconds, unless the database is held by another program: then whoever
-comes next is not to wait for him who waits for it, and so on."""
+PREPARING_S = 1.0
+"""How long a request waits while another one is prepared, so that the refusal can name the job. A replay is accepted
+within milliseconds; for a live scan the cell may have to connect first."""
+LOCK_S = 0.5
+"""Timeout for acquiring the internal lock. It is held for milliseconds, or longer if another program holds the
+database: then requests must not queue up behind one another."""
 
 
-class Place:
-    """Taken for the time from the wish to do something to its final state. Safe to use from any thread."""
+class CellLock:
+    """Held from the preparation of a job until its final row is written. Safe to use from any thread."""
 
     def __init__(self) -> None:
-        self._turn = threading.Lock()
-        """Of taking and leaving the place, each together with its row: whoever reads that a scan has ended finds the
-        place free."""
-        self._decided = threading.Condition(self._turn)
-        """Told when what was prepared is accepted, or is not."""
-        self._running: Running[Any] | None = None
+        self._lock = threading.Lock()
+        """Held while the cell lock is taken or released together with the row of the job. A client that reads a final
+        state therefore finds the cell free."""
+        self._prepared = threading.Condition(self._lock)
+        """Notified when a prepared job is accepted or refused."""
+        self._job: Job[Any] | None = None
         self._preparing = False
-        """Taken for what is not accepted yet."""
+        """A job is being prepared and is not accepted yet."""
         self._closed = False
 
     @property
-    def running(self) -> Running[Any] | None:
-        """What is accepted and has not ended."""
-        return self._running
+    def job(self) -> Job[Any] | None:
+        """The job that is accepted and has not ended."""
+        return self._job
 
     @property
     def closed(self) -> bool:
-        """Nothing more begins."""
+        """No further job is accepted."""
         return self._closed
 
     def refuse_more(self) -> None:
-        """From now on nothing more is accepted but what is just being; waits for nobody."""
+        """Accept no further job, except one that is being accepted right now. Does not block."""
         self._closed = True
 
-    def close(self) -> Running[Any] | None:
-        """For good; gives what is under way."""
-        with self._turn:
+    def close(self) -> Job[Any] | None:
+        """Accept no further job, and return the running one."""
+        with self._lock:
             self._closed = True
-            return self._running
+            return self._job
 
     @contextmanager
-    def taken(self) -> Iterator[None]:
-        """The place for as long as it takes to accept something; free again afterwards unless it was.
+    def reserved(self) -> Iterator[None]:
+        """Reserve the cell while a job is prepared. It is free again at the end, unless the job was accepted.
 
         Raises:
-            ServiceError: `cell-busy`, with what is under way; `busy` when the row of what is accepted
-                or has ended cannot be written at once; `not-ready` once it is closed.
+            ServiceError: `cell-busy`, another job runs or is being prepared; `busy`, the row of another job cannot be
+                written at the moment; `not-ready`, the service is stopping.
         """
-        latest = time.monotonic() + TURN_S + SOON_S + TURN_S
-        if not self._turn.acquire(timeout=TURN_S):
-            raise _busy()
+        latest = time.monotonic() + LOCK_S + PREPARING_S + LOCK_S
+        if not self._lock.acquire(timeout=LOCK_S):
+            raise _database_busy()
         try:
-            self._decided.wait_for(lambda: self._running is not None or not self._preparing, SOON_S)
-            if time.monotonic() > latest:  # it was waited for the turn once more
-                raise _busy()
+            self._prepared.wait_for(lambda: self._job is not None or not self._preparing, PREPARING_S)
+            if time.monotonic() > latest:  # it took long to acquire the lock again
+                raise _database_busy()
             self._refuse_if_closed()
-            if self._running is not None:
-                raise _taken_by(self._running)
+            if self._job is not None:
+                raise _occupied_by(self._job)
             if self._preparing:
                 raise ServiceError(
                     "cell-busy", "something else is being prepared; try again in some seconds", retry_after_s=2.0
                 )
             self._preparing = True
         finally:
-            self._turn.release()
+            self._lock.release()
         try:
             yield
         except CellError:
-            self._refuse_if_closed()  # arm and camera were given up: that says nothing of them
+            self._refuse_if_closed()  # closing the cell caused the error
             raise
         finally:
-            with self._turn:
+            with self._lock:
                 self._preparing = False
-                self._decided.notify_all()
+                self._prepared.notify_all()
 
-    def accept(self, running: Running[Any], write: Callable[[], None], begin: Callable[[], None]) -> None:
-        """Within `taken`: the place is `running`'s once `write` has written its row, and then it is begun.
+    def accept(self, job: Job[Any], write: Callable[[], None], begin: Callable[[], None]) -> None:
+        """Give the reserved cell to `job`: write its row, then begin it.
 
-        All that before the place can be closed: what has it when it is closed has begun.
+        Both happen before the lock can be closed, so a job that is running at that time has begun.
 
         Raises:
-            ServiceError: `not-ready`, it was closed meanwhile.
+            ServiceError: `not-ready`, the service is stopping.
         """
-        with self._turn:
+        with self._lock:
             self._refuse_if_closed()
             write()
-            self._running = running
+            self._job = job
             begin()
-            self._decided.notify_all()
+            self._prepared.notify_all()
 
     @contextmanager
-    def leaving(self, running: Running[Any]) -> Iterator[None]:
-        """The context in which the final row is written: at its end the place is free. Left by an exception, it is
-        not."""
-        with self._turn:
+    def releasing(self, job: Job[Any]) -> Iterator[None]:
+        """Write the final row in this context. The cell is free at its end, but not if it raises."""
+        with self._lock:
             yield
-            if self._running is running:
-                self._running = None
+            if self._job is job:
+                self._job = None
 
     def _refuse_if_closed(self) -> None:
         if self._closed:
             raise ServiceError("not-ready", "the service is stopping")
 
 
-def _taken_by(running: Running[Any]) -> ServiceError:
-    if running.stop is None:
-        detail = f"{running.words} is under way; wait for its end or cancel it"
-        return ServiceError("cell-busy", detail, job=running.reference)
-    detail = f"{running.words} was stopped and is just ending; try again"
-    return ServiceError("cell-busy", detail, retry_after_s=1.0, job=running.reference)
+def _occupied_by(job: Job[Any]) -> ServiceError:
+    if job.stop is None:
+        detail = f"{job.label} is under way; wait for its end or cancel it"
+        return ServiceError("cell-busy", detail, job=job.reference)
+    detail = f"{job.label} was stopped and is just ending; try again"
+    return ServiceError("cell-busy", detail, retry_after_s=1.0, job=job.reference)
 
 
-def _busy() -> ServiceError:
+def _database_busy() -> ServiceError:
     detail = "the database is held by another program, or the disk is slow; try again"
     return ServiceError("busy", detail, retry_after_s=5.0)

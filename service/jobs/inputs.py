@@ -1,4 +1,4 @@
-"""What recognition of a scan is begun with, as it is kept in the scan's row."""
+"""The inputs of recognition, as the row of a scan keeps them."""
 
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -11,8 +11,13 @@ from service.storage.rows import ViewRow
 def recognition_inputs(
     task: Task, recording_sha256: str | None = None, views: Sequence[ViewRow] | None = None
 ) -> dict[str, Any]:
-    """As JSON: what was asked for, by which software, and from which bytes: a whole recording, or the `views` of a live
-    scan that are recorded; null as long as they are not all known."""
+    """Return the inputs of a recognition task as JSON.
+
+    Args:
+        task: The task.
+        recording_sha256: Hash of the recording of a replay.
+        views: Views of a live scan; None until all are known.
+    """
     return {
         "method": task.method,
         "string_radius_m": task.radius_m,

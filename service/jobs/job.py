@@ -1,6 +1,7 @@
-"""The scan or calibration under way."""
+"""A job: one scan, calibration or verification between its acceptance and its final state."""
 
 import threading
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from cell.control.prepared import Prepared
@@ -8,64 +9,82 @@ from service.errors import Failure, JobKind, JobReference
 from service.states import ScanState
 from service.storage.rows import CalibrationRow, ScanRow
 
-R = TypeVar("R", bound=ScanRow | CalibrationRow)
+Row = TypeVar("Row", bound=ScanRow | CalibrationRow)
 
 
-def kind(row: ScanRow | CalibrationRow) -> JobKind:
-    """What it is, in a word."""
+def kind_of(row: ScanRow | CalibrationRow) -> JobKind:
+    """Return the kind of job that a row belongs to."""
     return "scan" if isinstance(row, ScanRow) else row.kind
 
 
-class Running(Generic[R]):
-    """One scan or calibration between its acceptance and its final state, and the wish to stop it."""
+@dataclass(frozen=True)
+class StopRequest:
+    """A request to end a job early."""
 
-    def __init__(self, row: R, prepared: Prepared | None) -> None:
+    state: ScanState
+    """Final state of the job: `aborted` or `interrupted`."""
+    reason: str
+    """Why it ends, for people."""
+
+    @property
+    def failure(self) -> Failure:
+        """Why the job has no result."""
+        return Failure(self.state, self.reason)
+
+
+class Job(Generic[Row]):
+    """One accepted scan, calibration or verification. Safe to use from any thread."""
+
+    def __init__(self, row: Row, prepared: Prepared | None) -> None:
         self.row = row
-        """As it was accepted."""
+        """Row of the job as it was accepted."""
         self.prepared = prepared
-        """What the arm will do, or None for a replay, for which the arm does nothing."""
-        self.begun = threading.Event()
-        """What was under way before it, with its picture, has ended."""
+        """What the arm will do; None for a replay, in which it does nothing."""
+        self.started = threading.Event()
+        """The previous job has ended, with its preview, and this one runs."""
         self.ended = threading.Event()
-        self.given_up = threading.Event()
-        """The service is ending: its final row is written at once, or by the next start."""
+        """The final row is written."""
+        self.abandoned = threading.Event()
+        """The service is ending. The final row is written at once, or else by the next start."""
         self._lock = threading.Lock()
-        """Never held while something is written."""
-        self._stop: tuple[ScanState, str] | None = None
+        """Never held during a write."""
+        self._stop: StopRequest | None = None
         self._storing = False
 
     @property
-    def words(self) -> str:
-        """What it is, for people."""
-        return f"{kind(self.row)} {self.row.id}"
+    def kind(self) -> JobKind:
+        """Kind of the job."""
+        return kind_of(self.row)
+
+    @property
+    def label(self) -> str:
+        """Kind and id, for messages."""
+        return f"{self.kind} {self.row.id}"
 
     @property
     def reference(self) -> JobReference:
         """The job, as an error refers to it."""
-        return JobReference(kind(self.row), self.row.id)
+        return JobReference(self.kind, self.row.id)
 
     @property
-    def stop(self) -> tuple[ScanState, str] | None:
-        """State to end in, and why, once somebody wants it stopped."""
+    def stop(self) -> StopRequest | None:
+        """The first request to stop the job, if any."""
         return self._stop
 
-    def ask_to_stop(self, state: ScanState, detail: str) -> bool:
-        """Whether it will be stopped; not when its result is being stored, nor a second time."""
+    def request_stop(self, state: ScanState, reason: str) -> bool:
+        """Ask the job to end in `state`.
+
+        Returns:
+            Whether it will: False if its result is being stored, or if it was stopped before.
+        """
         with self._lock:
             if self._storing or self._stop is not None:
                 return False
-            self._stop = (state, detail)
+            self._stop = StopRequest(state, reason)
             return True
 
-    def begin_storing(self) -> tuple[ScanState, str] | None:
-        """From here on it can't be stopped; the wish to stop it that came before, if any."""
+    def begin_storing(self) -> StopRequest | None:
+        """Reject later stops, and return an earlier one."""
         with self._lock:
             self._storing = True
             return self._stop
-
-
-def log_reason(state: str, failure: Failure | None) -> str:
-    """Return the end of the log line of a job that ended in `state`; the name of the state is not repeated."""
-    if failure is None:
-        return ""
-    return f": {failure.message}" if failure.slug == state else f": {failure.slug}: {failure.message}"

@@ -1,7 +1,7 @@
-"""One scan or calibration at a time: from its acceptance to its final state.
+"""Accepts and runs jobs, one at a time: scans, calibrations and verifications.
 
-A thread of its own hands scans to the recognition process, does calibrations, and writes down what becomes of them.
-There is no queue: a cell has one arm, and whoever asks while it is busy is told so.
+One thread takes the accepted jobs and brings each to its final state. There is no queue: a cell has one arm, and a
+request that comes while it is busy is refused with the job that is running.
 """
 
 import logging
@@ -21,13 +21,14 @@ from cell.errors import StoppedError
 from recognition.grasping.gripper import Gripper
 from service.errors import ServiceError
 from service.jobs.calibration_drift import DriftWatch
-from service.jobs.calibration_job import CalibrationRunner
-from service.jobs.cell_lock import Place
-from service.jobs.job import Running, kind
+from service.jobs.calibration_job import CalibrationWork
+from service.jobs.cell_lock import CellLock
+from service.jobs.job import Job, kind_of
 from service.jobs.live_scan import keep_recording
-from service.jobs.scan_job import ScanRunner
+from service.jobs.runner import JobRunner
+from service.jobs.scan_job import ScanWork
 from service.jobs.submission import Submissions
-from service.logs.request_time import arrived_s
+from service.logs.request_time import arrival_time
 from service.metrics.scans import ScanMetrics
 from service.processing.worker import RecognitionWorker
 from service.states import ScanState
@@ -36,27 +37,27 @@ from service.storage.store import KEPT, Store
 
 log = logging.getLogger(__name__)
 
-SETTLE_S = 5.0
-"""Whoever cancels a scan waits for its end so long. It takes milliseconds, but for a camera that is just being looked
-for again, and for a database that another program holds."""
+CANCEL_TIMEOUT_S = 5.0
+"""How long a cancel waits for the end of the job. That takes milliseconds, or longer if a camera is just being searched
+for or another program holds the database."""
 
-STOPPED_S = 1.0
-"""Whoever stops the arm waits no longer than this for it to end what it was at: he wants to know that it was told."""
+STOP_TIMEOUT_S = 1.0
+"""How long a stop waits for the arm to end what it does. The caller wants to know soon that the stop arrived."""
 
-PICTURE_S = 3.0
-"""A scan that is cancelled while the picture of the last one is being drawn waits so long for that, which takes half a
+PREVIEW_TIMEOUT_S = 3.0
+"""How long a scan that is cancelled before it began waits for the preview of the last one, which takes half a
 second."""
 
-BY_ITSELF_S = 0.3
-"""A live scan that is stopped has so long to end before its recognition is killed: the next one would wait for a new
-process."""
+GRACE_S = 0.3
+"""How long a stopped live scan may take to end before its recognition process is killed. The next scan would have to
+wait for a new process."""
 
 IDLE_CHECK_S = 1.0
-"""While there is nothing to do, how often it is made sure that a recognition process waits."""
+"""Interval at which an idle service checks that a recognition process is ready."""
 
 
 class Jobs:
-    """Runs scans and calibrations. Every method may be called from any thread and may block for a moment."""
+    """Accepts and runs jobs. Every method may be called from any thread and may block for a moment."""
 
     def __init__(
         self,
@@ -66,29 +67,32 @@ class Jobs:
         gripper: Gripper,
         metrics: ScanMetrics | None = None,
     ) -> None:
-        """Marks what an earlier service left unfinished as interrupted, keeps what earlier ones had recorded, and
-        starts the recognition process."""
+        """Start the recognition process, after what an earlier service left behind is in order.
+
+        Its unfinished jobs become interrupted, and its recordings without a row are added.
+        """
         self._store = store
         self._cell = cell
         self._worker = RecognitionWorker()
         self._metrics = metrics or ScanMetrics()
-        self._place = Place()
-        self._stopped_s = -math.inf
-        """When somebody last asked to stop the arm, whatever goes on."""
+        self._lock = CellLock()
+        self._stopped_at = -math.inf
+        """Time of the last request to stop the arm, monotonic seconds."""
         self.drift = DriftWatch(store.calibrations)
-        """What recent scans tell of the calibration in use."""
-        self._scans = ScanRunner(
-            store, cell, self._worker, recognition_limit_s, gripper, self._place.leaving, self.drift, self._metrics
+        """What recent scans say about the active calibration."""
+        self._scans = ScanWork(store, cell, self._worker, recognition_limit_s, gripper, self.drift, self._metrics)
+        calibrations = CalibrationWork(store.calibrations, cell)
+        self._runner = JobRunner(
+            self._lock, {"scan": self._scans, "calibration": calibrations, "verification": calibrations}
         )
-        self._calibrations = CalibrationRunner(store, cell, self._place.leaving)
         self._notes = ThreadPoolExecutor(1, thread_name_prefix="stopping")
-        """Writes that something is being stopped: nobody who stops it waits for the database."""
-        self._accepted: queue.SimpleQueue[Running[Any] | None] = queue.SimpleQueue()
-        self.submit = Submissions(store, cell, self._place, self._accepted.put)
-        """Where scans and calibrations are asked for."""
+        """Writes the state `stopping`, so that a stop does not wait for the database."""
+        self._accepted: queue.SimpleQueue[Job[Any] | None] = queue.SimpleQueue()
+        self.submit = Submissions(store, cell, self._lock, self._accepted.put)
+        """Accepts new jobs."""
         store.interrupt_unfinished()
         store.calibrations.interrupt_unfinished()
-        # Not only of those: an earlier start may have been killed at this point, or the database was locked before.
+        # All scans without a recording: an earlier start may have been killed here, or the database was held.
         for scan in store.scans_without_recording():
             try:
                 keep_recording(store, scan.id)
@@ -97,22 +101,24 @@ class Jobs:
         self._thread = threading.Thread(target=self._work, name="jobs", daemon=True)
         self._thread.start()
 
-    def wind_up(self) -> None:
-        """Takes no more scans or calibrations, and stops the one under way, if any: it becomes `interrupted`."""
-        self._place.refuse_more()
-        # Whoever leaves the place may be waiting for the database; the arm is not to wait with him.
-        running = self._place.running
-        if running is not None or self._cell.status.state == "busy":  # an arm at rest is let go, and no program ended
-            self._interrupt(running)
-        accepted_last = self._place.close()
-        if accepted_last is not None and accepted_last is not running:
+    def drain(self) -> None:
+        """Accept no further job, and end the running one as `interrupted`."""
+        self._lock.refuse_more()
+        # Without the lock: its holder may wait for the database, and the arm must not wait for that.
+        job = self._lock.job
+        if (
+            job is not None or self._cell.status.state == "busy"
+        ):  # an idle cell keeps its control program until it closes
+            self._interrupt(job)
+        accepted_last = self._lock.close()
+        if accepted_last is not None and accepted_last is not job:
             self._interrupt(accepted_last)
         self._cell.cancel_connecting()
 
     def close(self) -> None:
-        """Winds up, and ends the recognition process."""
+        """Drain, and end the recognition process."""
         try:
-            self.wind_up()
+            self.drain()
         finally:
             self._worker.kill()  # it may be starting
             self._accepted.put(None)
@@ -122,163 +128,172 @@ class Jobs:
 
     @property
     def not_ready(self) -> str | None:
-        """Why no scan can be done now, or None: a busy service is ready."""
-        return self._worker.not_ready
+        """Why no scan can be done now; None if one can. A busy service is ready."""
+        return self._worker.not_ready_reason
 
-    def nothing_else(self) -> AbstractContextManager[None]:
-        """A moment in which nothing is under way or begins.
+    def exclusive(self) -> AbstractContextManager[None]:
+        """Return a context in which no job runs or begins.
 
         Raises:
-            ServiceError: `cell-busy`, with what is under way.
+            ServiceError: `cell-busy`, a job is running.
         """
-        return self._place.taken()
+        return self._lock.reserved()
 
-    def draws(self, scan_id: str) -> bool:
-        """Whether the picture of a scan that has a result is still being drawn."""
+    def is_drawing(self, scan_id: str) -> bool:
+        """Return whether the preview of a scan that has a result is still being drawn."""
         return self._scans.drawing == scan_id
 
     def cancel(self, row_id: str, find: Callable[[], ScanRow | CalibrationRow]) -> None:
-        """Stops the scan or calibration of this id, the arm first, and waits until it has ended; it may have succeeded
-        just before. `find` gives its row, and is asked only when it is not under way.
+        """Stop the job of this id, the arm first, and wait for its end. It may have succeeded a moment before.
+
+        Args:
+            row_id: Id of the job.
+            find: Returns the row of the job. It is called only if the job is not running.
 
         Raises:
-            ServiceError: `not-cancellable` when it had ended already, unless it was aborted; what `find` raises.
+            ServiceError: `not-cancellable`, the job had ended already, and not because it was aborted; or what `find`
+                raises.
         """
-        running = self._place.running
-        if running is not None and running.row.id == row_id:
-            # The arm of a scan that has just ended may be at work for the next one.
-            arm = running.prepared is not None and not running.ended.is_set()
-            self._stop(running, "aborted", f"the {kind(running.row)} was cancelled", arm)
-            running.ended.wait(SETTLE_S)
+        job = self._lock.job
+        if job is not None and job.row.id == row_id:
+            # The arm may already work for the next job if this one has just ended.
+            arm = job.prepared is not None and not job.ended.is_set()
+            self._stop(job, "aborted", f"the {job.kind} was cancelled", arm)
+            job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
-            raise ServiceError("not-cancellable", f"the {kind(row)} is {row.state} already")
+            raise ServiceError("not-cancellable", f"the {kind_of(row)} is {row.state} already")
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
-        """Stops the arm, whatever goes on, and aborts the live scan or calibration under way, if any; the scan's id.
+        """Stop the arm, and abort the job that uses it, if any.
 
-        Waits for what the arm is at, a move or a look: what was recorded is still being kept then, and the scan ends
-        behind that.
+        Waits for the arm to end its move or capture. The job ends after that, while its recording is being kept.
+
+        Returns:
+            Id of the scan that was stopped, if any.
         """
-        self._stopped_s = time.monotonic()
-        running = self._place.running
-        live = running if running is not None and running.prepared is not None else None
+        self._stopped_at = time.monotonic()
+        job = self._lock.job
+        live = job if job is not None and job.prepared is not None else None
         self._stop(live, "aborted", reason)
-        self._cell.wait_while_busy(STOPPED_S)
+        self._cell.wait_while_busy(STOP_TIMEOUT_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
-    def refuse_stopped_since(self, wished_s: float) -> None:
-        """Raises StoppedError when somebody has asked to stop the arm since then, by `time.monotonic()`.
+    def raise_if_stopped_since(self, requested_at: float) -> None:
+        """Raise StoppedError if a stop of the arm was requested at or after this time (monotonic seconds).
 
-        A scan that was cancelled, or ended with the service, is no reason to refuse others.
+        A scan that was cancelled, or that ended with the service, does not count.
         """
-        if self._stopped_s >= wished_s:
+        if self._stopped_at >= requested_at:
             raise StoppedError(STOPPED_SINCE)
 
     def stop_unattended(self) -> None:
-        """Stops an arm that moves or is about to, because the service does not answer: nobody else could stop it."""
-        self._cell.reject_earlier_requests()  # what is not accepted yet
+        """Stop an arm that moves or is about to move, because the service does not answer: no one else could."""
+        self._cell.reject_earlier_requests()  # jobs that are not accepted yet
         if self._cell.status.state == "busy" or self.using_arm is not None:
             self.stop_arm("the service did not answer for more than a second, so nobody could have stopped the arm")
 
     def release_arm(self, requested_at: float) -> None:
-        """Lets the arm go, once it is home; refused when the arm was stopped since `requested_at`.
+        """Release the arm for other programs once it is home.
+
+        Args:
+            requested_at: Time of the request, monotonic seconds. It is refused if the arm was stopped since.
 
         Raises:
-            ServiceError: `cell-busy`, with what is under way.
-            CellError: as `Cell.release`.
+            ServiceError: `cell-busy`, a job is running.
+            CellError: As `Cell.release`.
         """
-        with self._place.taken():
+        with self._lock.reserved():
             self._cell.release(requested_at)
 
     @property
     def closed(self) -> bool:
-        """Nothing more begins: the service is stopping."""
-        return self._place.closed
+        """The service is stopping and accepts no further job."""
+        return self._lock.closed
 
     @property
     def recognition_starts(self) -> int:
-        """How many recognition processes were started so far."""
-        return self._worker.starts
+        """Number of recognition processes started so far."""
+        return self._worker.start_count
 
     @property
     def idle(self) -> bool:
-        """Nothing is accepted that has not ended."""
-        return self._place.running is None
+        """No job is accepted that has not ended."""
+        return self._lock.job is None
 
     @property
     def using_arm(self) -> str | None:
-        """The live scan or calibration that is accepted and has not ended, if any, in words."""
-        running = self._place.running
-        return None if running is None or running.prepared is None else f"a {kind(running.row)}"
+        """The running job that uses the arm, as a phrase such as "a scan"; None if there is none."""
+        job = self._lock.job
+        return None if job is None or job.prepared is None else f"a {job.kind}"
 
     @property
     def calibration(self) -> str | None:
-        """Id of the calibration or verification that is accepted and has not ended, if any."""
-        running = self._place.running
-        return running.row.id if running is not None and isinstance(running.row, CalibrationRow) else None
+        """Id of the running calibration or verification; None if there is none."""
+        job = self._lock.job
+        return job.row.id if job is not None and isinstance(job.row, CalibrationRow) else None
 
-    def _interrupt(self, running: Running[Any] | None) -> None:
-        if running is not None:
-            running.given_up.set()
-        of_scan = running is not None and isinstance(running.row, ScanRow)
-        again = KEPT if of_scan else "start it again"
-        self._stop(running, "interrupted", f"the service was stopped; {again}")
-        if running is not None:
-            running.ended.wait(SETTLE_S)
+    def _interrupt(self, job: Job[Any] | None) -> None:
+        if job is not None:
+            job.abandoned.set()
+        is_scan = job is not None and isinstance(job.row, ScanRow)
+        advice = KEPT if is_scan else "start it again"
+        self._stop(job, "interrupted", f"the service was stopped; {advice}")
+        if job is not None:
+            job.ended.wait(CANCEL_TIMEOUT_S)
 
-    def _stop(self, running: Running[Any] | None, state: ScanState, detail: str, arm: bool = True) -> None:
-        """Stops the arm and what is under way, if anything is; it ends behind that."""
-        # First the deed, then its record; the wish is only noted, so that a scan that the stop ends knows why.
-        asked = running is not None and running.ask_to_stop(state, detail)
+    def _stop(self, job: Job[Any] | None, state: ScanState, reason: str, arm: bool = True) -> None:
+        """Stop the arm, then the job, if any. The job ends later."""
+        # The job learns the reason before the arm stops; its row is written after the arm stopped.
+        requested = job is not None and job.request_stop(state, reason)
         if arm:
-            since = arrived_s()
+            since = arrival_time()
             self._cell.stop()
-            self._metrics.stopped(time.monotonic() - since)
-        if running is None or not asked:
+            self._metrics.observe_stop(time.monotonic() - since)
+        if job is None or not requested:
             return
         try:
-            if isinstance(running.row, ScanRow):
-                self._end_recognition(running)
-            self._notes.submit(self._note_stopping, running)
-        except RuntimeError:  # no other thread can be had: it is stopped all the same
-            log.exception("that %s is being stopped could not be written", running.words)
+            if isinstance(job.row, ScanRow):
+                self._end_recognition(job)
+            self._notes.submit(self._write_stopping, job)
+        except RuntimeError:  # no further thread can be started; the arm is stopped all the same
+            log.exception("that %s is being stopped could not be written", job.label)
 
-    def _note_stopping(self, running: Running[Any]) -> None:
-        update = self._store.update_scan if isinstance(running.row, ScanRow) else self._store.calibrations.update
+    def _write_stopping(self, job: Job[Any]) -> None:
+        update = self._store.update_scan if isinstance(job.row, ScanRow) else self._store.calibrations.update
         try:
-            update(running.row.id, state="stopping")
+            update(job.row.id, state="stopping")
         except sqlite3.Error:
-            log.exception("that %s is being stopped could not be written", running.words)
+            log.exception("that %s is being stopped could not be written", job.label)
 
-    def _end_recognition(self, running: Running[Any]) -> None:
-        begun = running.begun.is_set()
-        if begun and running.prepared is None:
-            self._kill_unless_ended(running, 0.0)
+    def _end_recognition(self, job: Job[Any]) -> None:
+        started = job.started.is_set()
+        if started and job.prepared is None:
+            self._kill_unless_ended(job, 0.0)
             return
-        # A live one ends with its arm, and recognition waits for the next; unless it is at work on the last views.
-        wait_s = BY_ITSELF_S if begun or running.given_up.is_set() else PICTURE_S
-        threading.Thread(target=self._kill_unless_ended, args=(running, wait_s), name="ending").start()
+        # A live scan ends with its arm, and its recognition process stays for the next one. It is killed only if it
+        # works on the last views.
+        wait_s = GRACE_S if started or job.abandoned.is_set() else PREVIEW_TIMEOUT_S
+        threading.Thread(target=self._kill_unless_ended, args=(job, wait_s), name="ending").start()
 
-    def _kill_unless_ended(self, running: Running[Any], wait_s: float) -> None:
-        if not running.ended.wait(wait_s):  # else it could by now be at work on the next one
+    def _kill_unless_ended(self, job: Job[Any], wait_s: float) -> None:
+        if not job.ended.wait(wait_s):  # else the process may already work for the next job
             self._worker.kill()
 
     def _work(self) -> None:
         self._prepare()
         while True:
             try:
-                running = self._accepted.get(timeout=IDLE_CHECK_S)
+                job = self._accepted.get(timeout=IDLE_CHECK_S)
             except queue.Empty:
-                self._prepare()  # should recognition have died, a new process is ready for the next scan
+                self._prepare()  # if recognition has died, a new process is ready for the next scan
                 continue
-            if running is None:
+            if job is None:
                 return
-            runner = self._scans if isinstance(running.row, ScanRow) else self._calibrations
-            running.begun.set()
-            runner.run(running)
-            if self._accepted.empty():  # the next one, which may have been cancelled by now, does it if it must
+            job.started.set()
+            self._runner.run(job)
+            if self._accepted.empty():  # else the next job, which may be cancelled already, prepares it if needed
                 self._prepare()
 
     def _prepare(self) -> None:
-        if not self._place.closed:
+        if not self._lock.closed:
             self._worker.prepare()

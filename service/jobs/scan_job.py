@@ -1,29 +1,26 @@
-"""What becomes of one accepted scan: its views, its outcome, its final state, its picture."""
+"""The work of a scan: views, recognition, result, preview."""
 
 import dataclasses
 import logging
 import shutil
 import sqlite3
-import time
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
-from cell.errors import CellError, StoppedError
+from cell.errors import CellError
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from service.errors import Failure
 from service.jobs.calibration_drift import DriftWatch
-from service.jobs.final_state import write_last
 from service.jobs.inputs import recognition_inputs
-from service.jobs.job import Running, log_reason
-from service.jobs.live_scan import keep_recording, live_outcome
-from service.logs.setup import log_scan
+from service.jobs.job import Job
+from service.jobs.live_scan import keep_recording, run_live_scan
+from service.jobs.runner import Cancelled
 from service.metrics.scans import ScanMetrics
-from service.processing.results import DONE_BEFORE, OnStage, Outcome
+from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
 from service.states import ScanState
@@ -35,12 +32,9 @@ from service.storage.store import KEPT, Store
 
 log = logging.getLogger(__name__)
 
-Leaving = Callable[[Running[Any]], AbstractContextManager[None]]
-"""The context in which a scan's final row is written: at its good end the one place is free."""
 
-
-class ScanRunner:
-    """Runs scans one after the other, in one thread; `drawing` belongs to any."""
+class ScanWork:
+    """Does scans, one at a time, in one thread. `drawing` may be read from any thread."""
 
     def __init__(
         self,
@@ -49,131 +43,128 @@ class ScanRunner:
         worker: RecognitionWorker,
         recognition_limit_s: float,
         gripper: Gripper,
-        leaving: Leaving,
         drift: DriftWatch,
         metrics: ScanMetrics,
     ) -> None:
         self._store, self._cell, self._worker = store, cell, worker
-        self._limit_s, self._gripper, self._leaving = recognition_limit_s, gripper, leaving
+        self._limit_s, self._gripper = recognition_limit_s, gripper
         self._drift, self._metrics = drift, metrics
-        self._begun_s = 0.0
-        """When the scan at work began, `time.monotonic()`."""
         self.drawing: str | None = None
-        """Id of the scan whose result is there and whose picture is to follow."""
+        """Id of the scan whose result is stored and whose preview is being drawn."""
 
-    def run(self, running: Running[ScanRow]) -> None:
-        """Brings a scan to its final state; a live one's arm is home when this returns, or has stopped."""
-        self._begun_s = time.monotonic()
-        with log_scan(running.row.id):
-            log.info("scan %s begins: %s", running.row.id, _what(running))
-            try:
-                with ExitStack() as until_home:
-                    self._run(running, until_home)
-            except CellError as error:
-                log.warning("behind scan %s the arm did not get home: %s", running.row.id, error)
-            except Exception as error:  # whatever it is, this scan is told as failed and the next one is taken
-                log.exception("scan %s could not be recorded", running.row.id)
-                self._give_up(running, error)
-        running.ended.set()
+    def describe(self, job: Job[ScanRow]) -> str:
+        """Return what the scan is of."""
+        if job.prepared is None:
+            return f"replay of recording {job.row.recording}"
+        return f"live, {len(job.prepared.plan.viewpoints)} views"
 
-    def _run(self, running: Running[ScanRow], until_home: ExitStack) -> None:
-        results = self._store.folder.incoming(running.row.id)
-        outcome, stored = None, False
+    @contextmanager
+    def execute(self, job: Job[ScanRow]) -> Iterator[Outcome]:
+        """Take the views of a live scan or read a recording, and recognise them.
+
+        Yields the result. The arm of a live scan is home at the end of the context.
+
+        Raises:
+            Cancelled: The scan was stopped before it began.
+            CellError: The views could not be taken, or the arm did not return home.
+            TaskFailedError: Recognition gave no result.
+            OSError, sqlite3.Error: The disk or the database failed.
+        """
+        results = self._store.folder.incoming(job.row.id)
         try:
-            outcome, failure = self._try(running, results, until_home)
-            self._record(running, outcome, failure, results)
-            stored = outcome is not None and running.stop is None
+            if job.prepared is not None:
+                self._store.update_scan(job.row.id, ("queued",), state="preflight")
+            if job.stop is None:
+                self._worker.start()
+            # An earlier stop found no process to kill; from here on a stop finds one.
+            if job.stop is not None:
+                raise Cancelled
+            if job.prepared is None:
+                yield self._replay(job.row, results)
+            else:
+                assert isinstance(job.prepared, PreparedScan)
+                with self._live(job.row, job.prepared, results) as outcome:
+                    yield outcome
         finally:
             shutil.rmtree(results, ignore_errors=True)
-            running.ended.set()
-            self._end_preview(running.row, outcome is not None and self._worker.wait_for_preview() and stored)
 
-    def _try(
-        self, running: Running[ScanRow], results: Path, until_home: ExitStack
-    ) -> tuple[Outcome | None, Failure | None]:
-        """What the scan gives, or why it gives nothing; neither when it was stopped before it began."""
+    def failure_of(self, error: Exception) -> Failure | None:
+        """Return why the scan failed; None for an error that is unexpected."""
+        if isinstance(error, TaskFailedError):
+            return error.failure
+        if isinstance(error, CellError):
+            return Failure(error.slug, str(error))
+        if isinstance(error, OSError):
+            return storage_failure(error, "what was recorded before is kept")
+        return None
+
+    def store(self, job: Job[ScanRow], result: Outcome) -> ScanState:
+        """Move the result into place and write the final row."""
+        scan, state = job.row, "partial" if result.partial else "succeeded"
+        self.drawing = scan.id
+        results = self._store.folder.incoming(scan.id)
+        self._store.finish_scan(scan.id, state, result.summary(), results, result.files)
+        return state
+
+    def end(self, job: Job[ScanRow], state: ScanState, failure: Failure) -> None:
+        """Write the final row of a scan without a result. A live scan keeps its recording."""
+        if job.row.mode == "live":
+            try:
+                keep_recording(self._store, job.row.id)
+            except OSError:
+                log.exception("the recording of %s cannot be read; the next start tries again", job.label)
+        self._store.end_scan(job.row.id, state, failure)
+
+    def storing_failed(self, job: Job[ScanRow], error: Exception) -> Failure:
+        """Return why the scan failed that met an unexpected error, or whose final row could not be written."""
+        internal = Failure("internal", "the result could not be stored; the log has the reason")
+        return storage_failure(error, KEPT) or internal
+
+    def on_end(self, job: Job[ScanRow], state: ScanState, duration_s: float) -> None:
+        """Count the scan in the metrics."""
+        self._metrics.observe_scan(job.row.mode, state, duration_s)
+
+    def finish(self, job: Job[ScanRow], result: Outcome | None, stored: bool) -> None:
+        """Count the result, keep what it says about the calibration, and wait for its preview."""
         try:
-            if running.prepared is not None:
-                self._store.update_scan(running.row.id, ("queued",), state="preflight")
-            if running.stop is None:
-                self._worker.start()
-            # A stop that came before found no process to kill; one that comes from here on does.
-            if running.stop is None:
-                return self._outcome(running, results, until_home), None
-        except TaskFailedError as error:
-            return None, error.failure
-        except StoppedError as error:
-            running.ask_to_stop("aborted", str(error))  # unless whoever stopped the arm has said so, or said more
-            return None, None
-        except CellError as error:
-            return None, Failure(error.slug, str(error))
-        except OSError as error:
-            failure = storage_failure(error, "what was recorded before is kept")
-            if failure is None:
-                raise
-            return None, failure
-        return None, None
+            if result is not None:
+                self._metrics.observe_recognition(result.timing_s, result.views)
+            if result is not None and stored:
+                self._keep_calibration_error(job.row, result)
+        finally:
+            self._end_preview(job.row, result is not None and self._worker.wait_for_preview() and stored)
 
-    def _outcome(self, running: Running[ScanRow], results: Path, until_home: ExitStack) -> Outcome:
-        """What the scan gives; a live one's arm is home when `until_home` is left."""
-        scan, store, prepared = running.row, self._store, running.prepared
-        if prepared is None:
-            recording = store.recording(scan.recording or "")
-            assert recording is not None
-            task = self._task(scan, store.folder.recording(recording.id), results, recording.missing)
-            inputs = recognition_inputs(task, recording.sha256)
-            store.update_scan(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
-            outcome = self._worker.run(task, self._progress(scan.id), self._limit_s)
-            return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
-        assert isinstance(prepared, PreparedScan)
+    def _replay(self, scan: ScanRow, results: Path) -> Outcome:
+        recording = self._store.recording(scan.recording or "")
+        assert recording is not None
+        task = self._task(scan, self._store.folder.recording(recording.id), results, recording.missing)
+        inputs = recognition_inputs(task, recording.sha256)
+        self._store.update_scan(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
+        outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
+        return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
+
+    @contextmanager
+    def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> Iterator[Outcome]:
         task = self._task(scan, dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m), results)
         inputs = recognition_inputs(task)
-        store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
-        live = live_outcome(scan, prepared, self._cell, store, self._worker, task, self._limit_s, self._metrics)
-        return until_home.enter_context(live)
-
-    def _end_preview(self, scan: ScanRow, whole: bool) -> None:
-        """The picture comes behind the result, which nobody shall wait for longer. What there is of one that is not
-        `whole`, or of no stored result, goes. A scan whose picture cannot be kept has succeeded nonetheless."""
-        drawn, results = self._store.folder.incoming(f"{scan.id}.png"), self._store.folder.results(scan.id)
-        try:
-            if whole and drawn.exists() and results.exists():  # retention may have removed them meanwhile
-                drawn.replace(results / PREVIEW)
-            drawn.unlink(missing_ok=True)  # a part, if it is still there
-        except OSError as error:
-            log.warning("the picture of scan %s could not be kept: %s", scan.id, error)
-        finally:
-            self.drawing = None
+        self._store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
+        live = run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
+        with live as outcome:
+            yield outcome
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
         return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview, tuple(missing), scan.id)
 
-    def _record(
-        self, running: Running[ScanRow], outcome: Outcome | None, failure: Failure | None, results: Path
-    ) -> None:
-        scan, store, stop = running.row, self._store, running.begin_storing()
-        with self._leaving(running):
-            state: ScanState = "failed"
-            if stop is not None:
-                state, detail = stop
-                failure = Failure(state, detail)
-                store.end_scan(scan.id, state, failure)
-            elif outcome is not None:
-                state = "partial" if outcome.partial else "succeeded"
-                self.drawing = scan.id
-                store.finish_scan(scan.id, state, outcome.summary(), results, outcome.files)
-            else:
-                assert failure is not None
-                store.end_scan(scan.id, state, failure)
-        self._tell_end(scan, state, failure)
-        if outcome is not None:
-            self._metrics.recognised(outcome.timing_s, outcome.views)
-        if stop is None and outcome is not None:
-            self._keep_calibration_error(scan, outcome)
+    def _on_stage(self, scan_id: str) -> OnStage:
+        def on_stage(name: str) -> None:
+            fraction = STAGE_START_FRACTION[name]
+            self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=fraction)
+
+        return on_stage
 
     def _keep_calibration_error(self, scan: ScanRow, outcome: Outcome) -> None:
-        """Of a live scan only: a replay of it tells nothing new. The scan's result does not depend on it."""
+        """Keep the hand-eye error that a live scan estimates. A replay of the scan gives no new estimate."""
         if scan.mode != "live" or outcome.calibration_error is None:
             return
         try:
@@ -181,50 +172,17 @@ class ScanRunner:
             sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
             if sha256 is not None:
                 self._drift.add(scan.id, sha256, outcome.calibration_error)
-        except sqlite3.Error:
-            log.exception("what scan %s tells of the calibration could not be kept", scan.id)
+        except sqlite3.Error:  # the result of the scan does not depend on it
+            log.exception("the calibration error that scan %s estimates could not be kept", scan.id)
 
-    def _tell_end(self, scan: ScanRow, state: str, failure: Failure | None) -> None:
-        seconds = time.monotonic() - self._begun_s
-        level = logging.WARNING if state == "failed" else logging.INFO
-        log.log(level, "scan %s %s after %.1f s%s", scan.id, state, seconds, log_reason(state, failure))
-        self._metrics.ended(scan.mode, state, seconds)
-
-    def _give_up(self, running: Running[ScanRow], error: Exception) -> None:
-        """The disk or the database failed. What the scan has recorded, and how it has ended, is written once either
-        takes it again."""
-        self.drawing = None
-        scan, state = running.row, "failed"
-        failure = storage_failure(error, KEPT) or Failure(
-            "internal", "the result could not be stored; the log has the reason"
-        )
-        if running.stop is not None:
-            state, detail = running.stop
-            failure = Failure(state, detail)
-        self._tell_end(scan, state, failure)
-
-        def write() -> None:
-            if scan.mode == "live":
-                self._keep_recording(scan.id)
-            self._store.end_scan(scan.id, state, failure)
-
-        write_last(running, self._leaving, write)
-
-    def _keep_recording(self, scan_id: str) -> None:
+    def _end_preview(self, scan: ScanRow, complete: bool) -> None:
+        """Move a complete preview to the result, or remove it. A scan without a preview has succeeded all the same."""
+        drawn, results = self._store.folder.incoming(f"{scan.id}.png"), self._store.folder.results(scan.id)
         try:
-            keep_recording(self._store, scan_id)
-        except OSError:
-            log.exception("the recording of scan %s cannot be read; the next start tries again", scan_id)
-
-    def _progress(self, scan_id: str) -> OnStage:
-        def on_stage(name: str) -> None:
-            self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=DONE_BEFORE[name])
-
-        return on_stage
-
-
-def _what(running: Running[ScanRow]) -> str:
-    """What a scan is of."""
-    if running.prepared is None:
-        return f"replay of recording {running.row.recording}"
-    return f"live, {len(running.prepared.plan.viewpoints)} views"
+            if complete and drawn.exists() and results.exists():  # retention may have removed the result meanwhile
+                drawn.replace(results / PREVIEW)
+            drawn.unlink(missing_ok=True)  # an incomplete file
+        except OSError as error:
+            log.warning("the preview of scan %s could not be kept: %s", scan.id, error)
+        finally:
+            self.drawing = None

@@ -1,44 +1,72 @@
-"""What may begin: scans and calibrations, accepted one at a time."""
+"""Accepts scans, calibrations and verifications, one at a time."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 from calibration.target.board import Board
 from cell.control.cell import Cell
 from recognition.model.model import Method
-from service.jobs.cell_lock import Place
-from service.jobs.job import Running
-from service.jobs.new_rows import NOBODY, Asked, new_calibration, new_scan
-from service.storage.rows import CalibrationRow, RecordingRow, ScanRow
+from service.jobs.cell_lock import CellLock
+from service.jobs.job import Job
+from service.storage.database import new_id, now
+from service.storage.idempotency_keys import Key
+from service.storage.rows import CalibrationRow, KeyRow, RecordingRow, ScanRow
 from service.storage.store import Store
 
 
-class Submissions:
-    """Accepts what somebody wants done; on return it is on the disk, and it has begun. Nothing moves before that.
+@dataclass(frozen=True)
+class Requester:
+    """Who requests a scan, and with which idempotency key."""
 
-    Safe to use from any thread. Every method raises ServiceError: `cell-busy`, with what is under way; and
-    those that need the cell raise CellError: why the cell cannot do it.
+    name: str | None = None
+    """Name of the caller's token; None if no token is needed."""
+    key: Key | None = None
+    """Idempotency key of the request."""
+
+    def key_row(self, scan: ScanRow) -> KeyRow | None:
+        """Return the row of the key, which refers to the accepted scan."""
+        key = self.key
+        return None if key is None else KeyRow(key.caller, key.key, key.body_sha256, scan.id, scan.created_at)
+
+
+NOBODY = Requester()
+"""Requester of a scan that was not requested over HTTP."""
+
+
+class Submissions:
+    """Accepts jobs. When a method returns, the row of the job is on disk and the job has begun; nothing moved before.
+
+    Safe to use from any thread. Every method raises ServiceError with `cell-busy` while another job runs. Those that
+    need the cell raise CellError with the reason why it cannot do the job.
     """
 
-    def __init__(self, store: Store, cell: Cell, place: Place, begin: Callable[[Running[Any]], None]) -> None:
-        self._store, self._cell, self._place, self._begin = store, cell, place, begin
+    def __init__(self, store: Store, cell: Cell, lock: CellLock, begin: Callable[[Job[Any]], None]) -> None:
+        self._store, self._cell, self._lock, self._begin = store, cell, lock, begin
 
     def replay(
         self,
         recording: RecordingRow,
         method: Method,
         radius_m: float | None,
-        asked: Asked = NOBODY,
+        requester: Requester = NOBODY,
         source: str | None = None,
     ) -> ScanRow:
-        """A scan from a recording, `source` the scan that it does again.
+        """Accept a scan of a recording.
+
+        Args:
+            recording: The recording.
+            method: Recognition method.
+            radius_m: String radius, metres; None to measure it.
+            requester: Who requests the scan.
+            source: Id of the scan that is reprocessed.
 
         Raises:
-            sqlite3.IntegrityError: the recording was removed a moment ago.
+            sqlite3.IntegrityError: The recording was removed a moment ago.
         """
-        with self._place.taken():
-            scan = new_scan("replay", method, radius_m, asked, recording=recording.id, source=source)
-            self._accept(Running(scan, None), lambda: self._store.add_scan(scan, asked.key_row(scan)))
+        with self._lock.reserved():
+            scan = new_scan("replay", method, radius_m, requester, recording=recording.id, source=source)
+            self._accept(Job(scan, None), lambda: self._store.add_scan(scan, requester.key_row(scan)))
             return scan
 
     def live(
@@ -47,35 +75,116 @@ class Submissions:
         method: Method,
         radius_m: float | None,
         requested_at: float,
-        asked: Asked = NOBODY,
+        requester: Requester = NOBODY,
     ) -> ScanRow:
-        """A scan by the cell, once the cell is ready and the scan is planned; refused when the arm was stopped since
-        `requested_at`, however long this had to wait.
+        """Accept a live scan, after the cell has planned it. Takes seconds if the cell has to connect first.
 
-        Takes seconds where the cell has to be connected first.
+        Args:
+            views: Number of viewpoints; None for the configured number.
+            method: Recognition method.
+            radius_m: String radius, metres; None to measure it.
+            requested_at: Time of the request, monotonic seconds. The scan is refused if the arm was stopped since.
+            requester: Who requests the scan.
         """
-        with self._place.taken():
+        with self._lock.reserved():
             prepared = self._cell.prepare_scan(views, requested_at)
-            scan = new_scan("live", method, radius_m, asked, calibration_sha256=prepared.hand_eye.sha256)
-            self._accept(Running(scan, prepared), lambda: self._store.add_scan(scan, asked.key_row(scan)))
+            scan = new_scan("live", method, radius_m, requester, calibration_sha256=prepared.hand_eye.sha256)
+            self._accept(Job(scan, prepared), lambda: self._store.add_scan(scan, requester.key_row(scan)))
             return scan
 
     def calibration(self, board: Board, poses: int, requested_at: float) -> CalibrationRow:
-        """A calibration with the board on the table, as `live` does a scan."""
-        with self._place.taken():
+        """Accept a calibration with the board on the table. `requested_at` is as for `live`."""
+        with self._lock.reserved():
             prepared = self._cell.prepare_calibration(board, requested_at, poses)
             row = new_calibration("calibration", board, poses, warnings=prepared.plan.warnings)
-            self._accept(Running(row, prepared), lambda: self._store.calibrations.add(row))
+            self._accept(Job(row, prepared), lambda: self._store.calibrations.add(row))
             return row
 
     def verification(self, requested_at: float) -> CalibrationRow:
-        """A capture of the board, where it was left, from two poses."""
-        with self._place.taken():
+        """Accept a verification: captures of the board from two poses. `requested_at` is as for `live`."""
+        with self._lock.reserved():
             prepared = self._cell.prepare_verification(requested_at)
             row = new_calibration("verification", None, len(prepared.plan.viewpoints), prepared.hand_eye.sha256)
-            self._accept(Running(row, prepared), lambda: self._store.calibrations.add(row))
+            self._accept(Job(row, prepared), lambda: self._store.calibrations.add(row))
             return row
 
-    def _accept(self, running: Running[Any], write: Callable[[], None]) -> None:
-        """Has the row of what the place is taken for written, and begins it."""
-        self._place.accept(running, write, lambda: self._begin(running))
+    def _accept(self, job: Job[Any], write: Callable[[], None]) -> None:
+        self._lock.accept(job, write, lambda: self._begin(job))
+
+
+def new_scan(
+    mode: Literal["replay", "live"],
+    method: Method,
+    radius_m: float | None,
+    requester: Requester,
+    *,
+    recording: str | None = None,
+    source: str | None = None,
+    calibration_sha256: str | None = None,
+) -> ScanRow:
+    """Return the row of a scan that is accepted now.
+
+    Args:
+        mode: Kind of scan.
+        method: Recognition method.
+        radius_m: String radius, metres; None to measure it.
+        requester: Who requests the scan.
+        recording: Id of the recording of a replay.
+        source: Id of the scan that is reprocessed.
+        calibration_sha256: Hash of the calibration with which a live scan was planned.
+    """
+    return ScanRow(
+        id=new_id(),
+        mode=mode,
+        recording=recording,
+        method=method,
+        string_radius_m=radius_m,
+        state="queued",
+        stage=None,
+        fraction=0.0,
+        created_at=now(),
+        started_at=None,
+        ended_at=None,
+        summary=None,
+        failure=None,
+        source=source,
+        asked_by=requester.name,
+        calibration_sha256=calibration_sha256,
+    )
+
+
+def new_calibration(
+    kind: Literal["calibration", "verification"],
+    board: Board | None,
+    poses: int,
+    sha256: str | None = None,
+    warnings: Sequence[str] = (),
+) -> CalibrationRow:
+    """Return the row of a calibration or verification that is accepted now.
+
+    Args:
+        kind: Kind of run.
+        board: Board on the table; None in a verification, which uses the board of the calibration.
+        poses: Number of poses.
+        sha256: Hash of the calibration that is verified.
+        warnings: Warnings of the plan.
+    """
+    return CalibrationRow(
+        id=new_id(),
+        kind=kind,
+        board=None if board is None else board.to_json(),
+        poses=poses,
+        warnings=list(warnings),
+        calibration_sha256=sha256,
+        state="queued",
+        stage=None,
+        fraction=0.0,
+        coverage=0.0,
+        created_at=now(),
+        started_at=None,
+        ended_at=None,
+        activated_at=None,
+        result=None,
+        verification=None,
+        failure=None,
+    )

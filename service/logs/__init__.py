@@ -1,1 +1,1 @@
-"""The log of the service: its format, its writer, and the lines about requests."""
+"""The log of the service: its format, its writer, and the arrival time of the current request."""

@@ -1,37 +1,45 @@
-"""When the request that is being answered arrived: what takes long is counted from there."""
+"""The arrival time of the current request. Timing and the order of requests and stops are based on it."""
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_arrived: ContextVar[float | None] = ContextVar("arrived", default=None)
-_came: ContextVar[float | None] = ContextVar("came", default=None)
+_arrival_s: ContextVar[float | None] = ContextVar("arrival", default=None)
+_received_s: ContextVar[float | None] = ContextVar("received", default=None)
 
 
 @contextmanager
-def having_come(at_s: float | None) -> Iterator[None]:
-    """A request that begins to be answered within came then, by `time.monotonic()`, and had to wait; None: just now."""
-    token = _came.set(at_s)
+def request_received_at(time_s: float | None) -> Iterator[None]:
+    """Set the arrival time of a request whose answer begins in the body, because it had to wait.
+
+    Args:
+        time_s: Time at which the request was received, seconds of `time.monotonic()`. None: when its answer begins.
+    """
+    token = _received_s.set(time_s)
     try:
         yield
     finally:
-        _came.reset(token)
+        _received_s.reset(token)
 
 
 @contextmanager
-def arriving() -> Iterator[float]:
-    """The context in which a request is answered, by whichever threads; its arrival, `time.monotonic()`."""
-    came = _came.get()
-    at = time.monotonic() if came is None else came
-    token = _arrived.set(at)
+def request_arrival() -> Iterator[float]:
+    """Record the arrival time of a request for its context, in every thread that answers it.
+
+    Yields:
+        The arrival time, seconds of `time.monotonic()`.
+    """
+    received_s = _received_s.get()
+    arrival_s = time.monotonic() if received_s is None else received_s
+    token = _arrival_s.set(arrival_s)
     try:
-        yield at
+        yield arrival_s
     finally:
-        _arrived.reset(token)
+        _arrival_s.reset(token)
 
 
-def arrived_s() -> float:
-    """`time.monotonic()` when the request arrived; where there is none, now."""
-    at = _arrived.get()
-    return time.monotonic() if at is None else at
+def arrival_time() -> float:
+    """Return the arrival time of the current request, monotonic seconds; without a request, the time now."""
+    arrival_s = _arrival_s.get()
+    return time.monotonic() if arrival_s is None else arrival_s

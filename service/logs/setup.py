@@ -1,6 +1,6 @@
-"""The service's log on stderr: one JSON document a line for programs, or plain lines for people.
+"""Logging to stderr: one JSON document per line for programs, or plain lines for people.
 
-Whatever is logged while a scan is worked on has the scan's id, in its thread, its recognition process, and in the
+A record that is logged during a scan has the scan's id: in the scan's thread, in its recognition process, and in the
 requests about it. Tokens, query strings and bodies are never logged.
 """
 
@@ -17,14 +17,14 @@ from functools import partial
 from typing import Any, Literal
 
 from cell.process.logging import configure_child_logging
-from service.clock import stamp
+from service.clock import format_utc
 from service.logs.writer import LogWriter
 
 Format = Literal["auto", "json", "text"]
 Level = Literal["debug", "info", "warning", "error"]
 
-TALKATIVE = ("matplotlib", "PIL")
-"""Libraries whose debug lines tell nothing of the service."""
+NOISY_LIBRARIES = ("matplotlib", "PIL")
+"""Libraries whose debug records say nothing about the service. They are logged from the level warning."""
 ENCODER = json.JSONEncoder(ensure_ascii=False, default=str)
 
 _scan: ContextVar[str | None] = ContextVar("scan", default=None)
@@ -32,8 +32,8 @@ _request: ContextVar[str | None] = ContextVar("request", default=None)
 
 
 @contextmanager
-def log_scan(scan_id: str | None) -> Iterator[None]:
-    """Whatever is logged in the body, and by what it has others do, is of this scan."""
+def scan_log_context(scan_id: str | None) -> Iterator[None]:
+    """Add the scan's id to every record that is logged in the body, or in a copy of its context."""
     token = _scan.set(scan_id)
     try:
         yield
@@ -42,8 +42,8 @@ def log_scan(scan_id: str | None) -> Iterator[None]:
 
 
 @contextmanager
-def log_request(request_id: str) -> Iterator[None]:
-    """The same for a request."""
+def request_log_context(request_id: str) -> Iterator[None]:
+    """Add the request's id to every record that is logged in the body, or in a copy of its context."""
     token = _request.set(request_id)
     try:
         yield
@@ -52,16 +52,16 @@ def log_request(request_id: str) -> Iterator[None]:
 
 
 class JsonFormatter(logging.Formatter):
-    """A record as one line of JSON.
+    """Formats a record as one line of JSON.
 
-    `at` (RFC 3339, UTC), `level`, `logger`, `message`, `process`, `thread`; `scan`, `request` and `exception` where
-    there is one; and the members of the record's `access`, if it has that.
+    The members are `at` (RFC 3339, UTC), `level`, `logger`, `message`, `process` and `thread`; `scan`, `request` and
+    `exception` if there is one; and the members of the record's attribute `access`, if it has one.
     """
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line, without its end."""
+        """Return the line, without a line break at its end."""
         document: dict[str, Any] = {
-            "at": stamp(_at(record)),
+            "at": format_utc(_time_of(record)),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),
@@ -79,11 +79,11 @@ class JsonFormatter(logging.Formatter):
 
 
 class TextFormatter(logging.Formatter):
-    """A record for people: time, level, who, what; a traceback on lines of its own."""
+    """Formats a record for people: time, level, logger and message. A traceback follows on its own lines."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The lines, without the last one's end."""
-        time = _at(record).astimezone().strftime("%H:%M:%S")
+        """Return the lines, without a line break at the end."""
+        time = _time_of(record).astimezone().strftime("%H:%M:%S")
         line = f"{time} {record.levelname.lower():8}{record.name}: {record.getMessage()}"
         if (scan := _scan.get()) is not None and scan not in line:
             line += f" (scan {scan})"
@@ -91,50 +91,65 @@ class TextFormatter(logging.Formatter):
         return f"{line}\n{traceback}" if traceback else line
 
 
-def start_log(form: Format, level: Level) -> Literal["json", "text"]:
-    """From here on this process and the children that it starts write their log so, to stderr; `auto`: as text on a
-    terminal. Which of the two it is. Replaces what was set up before; uvicorn's own loggers go the same way, but for
-    its line a request."""
+def configure_logging(form: Format, level: Level) -> Literal["json", "text"]:
+    """Send the log of this process, and of the child processes that it starts, to stderr.
+
+    Handlers that were installed before are replaced. uvicorn's loggers use the same handler; only its line per request
+    is dropped.
+
+    Args:
+        form: Format of the lines. `auto` is `text` on a terminal and `json` elsewhere.
+        level: Lowest level that is logged.
+
+    Returns:
+        The format in use.
+    """
     if form == "auto":
         form = "text" if sys.stderr.isatty() else "json"
-    _write_to(LogWriter(sys.stderr), form, level)
+    _install_handler(LogWriter(sys.stderr), form, level)
     for name in ("uvicorn", "uvicorn.error", "uvicorn.access"):
         logger = logging.getLogger(name)
         logger.handlers.clear()
         logger.propagate = name != "uvicorn.access"
     logging.captureWarnings(True)
-    threading.excepthook = _log_end_of_thread
-    configure_child_logging(partial(start_child_log, form, level))
+    threading.excepthook = _log_thread_exception
+    configure_child_logging(partial(configure_child_process, form, level))
     return form
 
 
-def start_child_log(form: Format, level: Level, name: str) -> None:
-    """The same for a process that was started by such a one; `name` is the process's."""
+def configure_child_process(form: Format, level: Level, name: str) -> None:
+    """Send the log of a child process to stderr in the same format.
+
+    Args:
+        form: Format of the lines.
+        level: Lowest level that is logged.
+        name: Name of the process.
+    """
     multiprocessing.current_process().name = name
-    _write_to(logging.StreamHandler(sys.stderr), form, level)
+    _install_handler(logging.StreamHandler(sys.stderr), form, level)
 
 
-def _write_to(handler: logging.Handler, form: Format, level: Level) -> None:
+def _install_handler(handler: logging.Handler, form: Format, level: Level) -> None:
     handler.setFormatter(JsonFormatter() if form == "json" else TextFormatter())
     root = logging.getLogger()
-    for former in root.handlers[:]:
-        root.removeHandler(former)
-        former.close()
+    for previous in root.handlers[:]:
+        root.removeHandler(previous)
+        previous.close()
     root.addHandler(handler)
     root.setLevel(level.upper())
-    for name in TALKATIVE:
+    for name in NOISY_LIBRARIES:
         logging.getLogger(name).setLevel(logging.WARNING)
 
 
-def _log_end_of_thread(hook: threading.ExceptHookArgs) -> None:
+def _log_thread_exception(hook: threading.ExceptHookArgs) -> None:
     if hook.exc_value is None or issubclass(hook.exc_type, SystemExit):
         return
     name = "?" if hook.thread is None else hook.thread.name
     trace = (hook.exc_type, hook.exc_value, hook.exc_traceback)
-    logging.getLogger(__name__).error("the thread %s was ended by an error", name, exc_info=trace)
+    logging.getLogger(__name__).error("an unhandled exception ended the thread %s", name, exc_info=trace)
 
 
-def _at(record: logging.LogRecord) -> datetime:
+def _time_of(record: logging.LogRecord) -> datetime:
     return datetime.fromtimestamp(record.created, UTC)
 
 

@@ -1,7 +1,7 @@
-"""Lines of the log on their way to a stream, written by a thread of its own.
+"""A log handler with its own writer thread.
 
-Whoever reads the service's stderr may have stopped reading. The event loop, and the thread that stops the arm, must not
-wait for him.
+A program that stops reading the service's stderr blocks every write to it. The event loop, and the thread that stops
+the arm, must not block.
 """
 
 import logging
@@ -9,47 +9,46 @@ import queue
 import threading
 from typing import TextIO
 
-MOST_LINES = 10_000
-"""So many may wait; more are dropped, and counted."""
-AT_ONCE = 100
-"""So many lines are written together, ..."""
-GATHER_S = 0.02
-"""... and they gather for so long: with a thousand requests a second, a thread that woke for each would be in their
-way."""
-END_S = 1.0
-"""At the end, lines that wait are written for so long."""
+MAX_QUEUED_LINES = 10_000
+"""Maximum number of lines in the queue. Further lines are dropped and counted."""
+BATCH_LINES = 100
+"""Maximum number of lines per write."""
+BATCH_INTERVAL_S = 0.02
+"""Pause after each write. At a thousand requests per second, a thread that woke for each line would slow them down."""
+CLOSE_TIMEOUT_S = 1.0
+"""Timeout for writing the queued lines when the handler is closed."""
 
 
 class LogWriter(logging.Handler):
-    """Formats in the thread that logs, and writes in its own. Logging never waits, and never fails."""
+    """Formats a record in the thread that logs it, and writes it in another. Logging never blocks and never fails."""
 
-    def __init__(self, stream: TextIO, most_lines: int = MOST_LINES) -> None:
+    def __init__(self, stream: TextIO, max_lines: int = MAX_QUEUED_LINES) -> None:
         super().__init__()
         self._stream = stream
-        self._lines: queue.Queue[str | None] = queue.Queue(most_lines)
+        self._lines: queue.Queue[str | None] = queue.Queue(max_lines)
         self._dropped = 0
-        """About: two threads count."""
+        """Approximate number of dropped lines, because two threads change it without a lock."""
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Takes a record; drops it when too many wait."""
+        """Queue a record, or drop it if the queue is full."""
         try:
             self._lines.put_nowait(self.format(record))
         except queue.Full:
             self._dropped += 1
-        except Exception:  # noqa: BLE001 (as every handler does: a record that cannot be formatted harms nobody)
+        except Exception:  # noqa: BLE001 (as in every handler: a record that cannot be formatted must not raise)
             self.handleError(record)
 
     def close(self) -> None:
-        """Writes what waits, for some time; later records are not written."""
+        """Write the queued lines, for `CLOSE_TIMEOUT_S` at most. Later records are not written."""
         if not self._closed.is_set():
             self._closed.set()
             try:
-                self._lines.put(None, timeout=END_S)
-                self._thread.join(END_S)
-            except queue.Full:  # nobody reads: so nobody would read this either
+                self._lines.put(None, timeout=CLOSE_TIMEOUT_S)
+                self._thread.join(CLOSE_TIMEOUT_S)
+            except queue.Full:  # the stream is not read, so waiting longer would not help
                 pass
         super().close()
 
@@ -57,7 +56,7 @@ class LogWriter(logging.Handler):
         ending = False
         while not ending:
             lines = [self._lines.get()]
-            while not self._lines.empty() and len(lines) < AT_ONCE:
+            while not self._lines.empty() and len(lines) < BATCH_LINES:
                 lines.append(self._lines.get())
             ending = None in lines
             dropped, self._dropped = self._dropped, 0
@@ -67,6 +66,6 @@ class LogWriter(logging.Handler):
             try:
                 self._stream.write("".join(f"{line}\n" for line in lines if line is not None))
                 self._stream.flush()
-                self._closed.wait(GATHER_S)
-            except (OSError, ValueError):  # the reader is gone, or the stream closed: there is nowhere to say so
+                self._closed.wait(BATCH_INTERVAL_S)
+            except (OSError, ValueError):  # the reader is gone or the stream is closed: nothing can be reported
                 self._dropped += 1

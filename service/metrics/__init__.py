@@ -1,1 +1,1 @@
-"""The metrics that Prometheus reads at `/metrics`."""
+"""The metrics of the service, which Prometheus reads at `/metrics`."""

@@ -1,4 +1,4 @@
-"""What Prometheus asks for at `/metrics`: of one service, in a registry of its own."""
+"""The metrics of one service, in a Prometheus registry of their own."""
 
 import platform
 from importlib.metadata import version
@@ -18,14 +18,14 @@ class Metrics:
         self.requests = RequestMetrics(self._registry)
         self.scans = ScanMetrics(self._registry)
         ProcessCollector(registry=self._registry)
-        Info("pointchain_build", "Which software this is", registry=self._registry).info(
+        Info("pointchain_build", "Version of the software", registry=self._registry).info(
             {"version": version("pointchain"), "python": platform.python_version()}
         )
 
-    def watch(self, state: StateMetrics) -> None:
-        """Has told, too, how things stand; once the service has started."""
+    def register(self, state: StateMetrics) -> None:
+        """Add the metrics of the current state, once the service has started."""
         self._registry.register(state)
 
     def text(self) -> bytes:
-        """All of it in Prometheus' text format, version 0.0.4."""
+        """Return all metrics in Prometheus' text format, version 0.0.4."""
         return generate_latest(self._registry)

@@ -1,4 +1,4 @@
-"""Each request in the log and in the metrics: what was asked, what came of it, how long it took, who asked."""
+"""The access log and the request metrics: method, path, status, duration and caller of each request."""
 
 import itertools
 import logging
@@ -10,26 +10,29 @@ from typing import Any
 from prometheus_client import CollectorRegistry, Counter, Histogram
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.logs.request_time import arriving
-from service.logs.setup import log_request, log_scan
+from service.logs.request_time import request_arrival
+from service.logs.setup import request_log_context, scan_log_context
 from service.security.auth.caller import known_caller
-from service.security.middleware.request_line import scan_in, scan_of, shown_path
+from service.security.middleware.request_line import printable_path, scan_id_in_path, scan_id_of_request
 
 log = logging.getLogger("service.access")
 
-QUIET = frozenset({"/healthz", "/readyz", "/metrics"})
-"""Asked every few seconds by machines: told when somebody wants every detail."""
+PROBE_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
+"""Paths that programs poll every few seconds. They are logged at the level debug."""
 METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "DELETE", "PATCH", "OPTIONS"})
-SECONDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30)
-STARTED = secrets.token_hex(3)
-"""Tells the requests of this process from those of another."""
-GONE = 499
-"""For a request whose client left before it was answered; no status of HTTP."""
+"""Methods with a label of their own. The label of any other method is `other`."""
+DURATION_BUCKETS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 30)
+REQUEST_ID_PREFIX = secrets.token_hex(3)
+"""Prefix of request ids, which separates the requests of this process from those of another."""
+CLIENT_CLOSED_REQUEST = 499
+"""Logged status of a request whose client left before the answer. It is not a status of HTTP."""
 
 
 class RequestMetrics:
-    """Requests by what they asked for: by the route's own template, so that nobody's made-up address becomes a
-    label."""
+    """Number and duration of requests.
+
+    Their label is the template of the route, so that an arbitrary address of a client never becomes a label.
+    """
 
     def __init__(self, registry: CollectorRegistry) -> None:
         self._requests = Counter(
@@ -37,38 +40,45 @@ class RequestMetrics:
         )
         self._seconds = Histogram(
             "pointchain_http_request_seconds",
-            "From a request's arrival to the end of its answer; event streams, which have none, do not count",
+            "Time from a request's arrival to the end of its answer; event streams are not included",
             ("method", "route"),
-            buckets=SECONDS,
+            buckets=DURATION_BUCKETS_S,
             registry=registry,
         )
 
-    def answered(self, method: str, route: str, status: int, seconds: float | None) -> None:
-        """One request; `seconds` None: how long it took says nothing."""
-        told = method if method in METHODS else "other"
-        self._requests.labels(told, route, str(status)).inc()
+    def observe(self, method: str, route: str, status: int, seconds: float | None) -> None:
+        """Count one request.
+
+        Args:
+            method: Method of the request.
+            route: Template of the route.
+            status: Status of the answer.
+            seconds: Duration. None: it is not recorded, because the answer was an event stream.
+        """
+        label = method if method in METHODS else "other"
+        self._requests.labels(label, route, str(status)).inc()
         if seconds is not None:
-            self._seconds.labels(told, route).observe(seconds)
+            self._seconds.labels(label, route).observe(seconds)
 
 
-class RequestWatch:
-    """ASGI middleware, outside of all others: refusals are seen too."""
+class AccessLogMiddleware:
+    """ASGI middleware that logs and counts each request. It is the outermost one, so that it sees refusals too."""
 
     def __init__(self, app: ASGIApp, metrics: RequestMetrics) -> None:
         self._app, self._metrics = app, metrics
         self._numbers = itertools.count(1)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes the request on, and tells of it when it is over."""
+        """Pass the request on, and log it when it has ended."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        status, stream, about = GONE, False, scan_in(scope["path"])
+        status, stream, scan_id = CLIENT_CLOSED_REQUEST, False, scan_id_in_path(scope["path"])
 
-        async def seen(message: Message) -> None:
-            nonlocal status, stream, about
+        async def observed_send(message: Message) -> None:
+            nonlocal status, stream, scan_id
             if message["type"] == "http.response.start":
-                status, about = message["status"], scan_of(scope, message)
+                status, scan_id = message["status"], scan_id_of_request(scope, message)
                 stream = any(
                     name == b"content-type" and value.startswith(b"text/event-stream")
                     for name, value in message.get("headers", ())
@@ -76,31 +86,32 @@ class RequestWatch:
             await send(message)
 
         with (
-            arriving() as arrived,
-            log_request(f"{STARTED}-{next(self._numbers)}"),
-            log_scan(about),
+            request_arrival() as arrival_s,
+            request_log_context(f"{REQUEST_ID_PREFIX}-{next(self._numbers)}"),
+            scan_log_context(scan_id),
         ):
             try:
-                await self._app(scope, receive, seen)
+                await self._app(scope, receive, observed_send)
             except Exception:
-                status = 500 if status == GONE else status  # whoever is further out answers and logs it
+                # Starlette's outermost error handler answers and logs it
+                status = 500 if status == CLIENT_CLOSED_REQUEST else status
                 raise
             finally:
-                with log_scan(about):
-                    self._tell(scope, status, monotonic() - arrived, stream)
+                with scan_log_context(scan_id):
+                    self._record(scope, status, monotonic() - arrival_s, stream)
 
-    def _tell(self, scope: MutableMapping[str, Any], status: int, seconds: float, stream: bool) -> None:
+    def _record(self, scope: MutableMapping[str, Any], status: int, seconds: float, stream: bool) -> None:
         method, path = scope["method"], scope["path"]
         route = getattr(scope.get("route"), "path", "unknown")
-        self._metrics.answered(method, route, status, None if stream else seconds)
-        if path == "/readyz" or (path in QUIET and status < 500):
+        self._metrics.observe(method, route, status, None if stream else seconds)
+        if path == "/readyz" or (path in PROBE_PATHS and status < 500):
             level = logging.DEBUG
         else:
             level = logging.WARNING if status >= 500 else logging.INFO
         if not log.isEnabledFor(level):
             return
         caller = known_caller(scope)
-        shown = shown_path(path)
+        shown = printable_path(path)
         access = {
             "method": method[:20],
             "path": shown,

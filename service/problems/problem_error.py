@@ -1,4 +1,4 @@
-"""The error that the HTTP layer raises to refuse a request."""
+"""The error that the HTTP layer raises to refuse a request, with a slug of the table of problem types."""
 
 from starlette.exceptions import HTTPException
 
@@ -6,9 +6,9 @@ from service.problems.document import status_of
 
 
 class ProblemError(HTTPException):
-    """The HTTP layer refuses a request. Below it, `service.errors.ServiceError` does.
+    """The HTTP layer refuses a request. The layers below it raise `service.errors.ServiceError`.
 
-    It is an HTTPException because FastAPI passes on only those while it reads a body.
+    It is an HTTPException, because FastAPI passes on no other error while it reads a body.
 
     Attributes:
         slug: Type of the problem.

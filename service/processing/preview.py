@@ -1,4 +1,4 @@
-"""A picture of a result: the merged cloud from above, and on it the chains with their order and crossings."""
+"""The preview of a result: the merged cloud from above with the chains, their direction and their crossings."""
 
 import io
 from typing import TYPE_CHECKING
@@ -13,19 +13,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SIZE_INCH, DPI = (8.0, 6.0), 100
-CLOUD_POINTS = 20_000
-"""More points than this look the same and take longer."""
+"""Size of the preview: 800 x 600 pixels."""
+MAX_CLOUD_POINTS = 20_000
+"""Maximum number of drawn points. More points look the same and take longer."""
 GAP_RADII = 2.5
-"""The under strand is broken for so many radii on either side of a crossing, as in a knot diagram."""
+"""Half width of the gap in the under strand at a crossing, in string radii, as in a knot diagram."""
 
 
 def draw_preview(model: PointChainModel, points: NDArray[np.float64]) -> bytes:
-    """A PNG of 800 x 600 pixels; `points` (N, 3) is the merged cloud, base frame, metres.
+    """Return the preview of a model as a PNG of 800 x 600 pixels.
 
-    Drawn from above, x to the right. The cloud is coloured by height; a chain runs from dark to light, its
-    first end marked by a dot; at a crossing the under strand is broken.
+    The view is from above, with x to the right. The cloud is coloured by height. A chain runs from dark to light, and
+    a dot marks its first end. At a crossing the under strand has a gap.
+
+    Args:
+        model: The model to draw.
+        points: (N, 3) merged cloud, base frame, metres.
     """
-    # Figure and Agg without pyplot: no state is shared, and no display is looked for.
+    # Figure and Agg without pyplot: there is no shared state, and no display is needed.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -36,7 +41,7 @@ def draw_preview(model: PointChainModel, points: NDArray[np.float64]) -> bytes:
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
     if len(points):
-        drawn = points[:: -(-len(points) // CLOUD_POINTS)]
+        drawn = points[:: -(-len(points) // MAX_CLOUD_POINTS)]
         cloud = axes.scatter(drawn[:, 0], drawn[:, 1], c=drawn[:, 2] * 1000, s=1.5, cmap="Greys", rasterized=True)
         figure.colorbar(cloud, label="height (mm)", shrink=0.7)
     for chain in model.chains:

@@ -1,4 +1,4 @@
-"""What the store keeps of a recording that the cell made, read from its file."""
+"""Read the database row of a recording that the cell made from its file."""
 
 import hashlib
 from pathlib import Path
@@ -9,12 +9,18 @@ from service.storage.rows import RecordingRow
 
 
 def describe_recording(recording_id: str, path: Path, sha256: str | None = None) -> RecordingRow:
-    """The row of the recording at `path`; `sha256` where it is known already.
+    """Return the database row of a recording that the cell made.
 
-    A recording of somebody else is for `service.processing.upload_sandbox`.
+    `service.processing.upload_sandbox` reads recordings from other sources.
+
+    Args:
+        recording_id: Id of the recording.
+        path: The recording.
+        sha256: SHA-256 of the file. None: it is computed.
 
     Raises:
-        RecordingError: it cannot be used.
+        RecordingError: The recording cannot be used.
+        OSError: The file cannot be read.
     """
     content = describe(path)
     if sha256 is None:

@@ -1,4 +1,4 @@
-"""From a recording to the files of a result; shared by the HTTP service's worker and the command line."""
+"""Recognise a recording and write the files of the result, for the recognition process and for the command line."""
 
 import hashlib
 import json
@@ -24,11 +24,12 @@ from service.processing.view_outcomes import ViewOutcome, view_outcomes
 from service.storage.data_folder import CLOUD, MODEL
 
 OnStage = Callable[[str], None]
+"""Called with the name of a stage when it begins."""
 
 READING, WRITING = "reading", "writing"
-"""The stages around those of recognition."""
+"""Stages before and after those of recognition."""
 
-DONE_BEFORE = {
+STAGE_START_FRACTION = {
     READING: 0.0,
     "preprocess": 0.02,
     "registration": 0.4,
@@ -40,28 +41,32 @@ DONE_BEFORE = {
     "grasps": 0.85,
     WRITING: 0.88,
 }
-"""Share of the whole time, as measured on scans of eight views, that is over when a stage begins."""
+"""Fraction of the total time that has passed when a stage begins, measured on scans of eight views."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A result in short."""
+    """Summary of a result."""
 
     chains: int
+    """Number of chains."""
     crossings: int
+    """Number of crossings."""
     warnings: tuple[str, ...]
+    """Warnings of the model."""
     partial: bool
-    """Views were missing or were left out."""
+    """True if views are missing or were excluded."""
     calibration_error: HandEyeErrorEstimate | None = None
-    """What the views tell of their calibration's error."""
+    """Hand-eye error that registration estimated from the views. None: not estimated."""
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """SHA-256 and size of each file that was written, as JSON."""
+    """SHA-256 and size of each written file, as JSON values, by file name."""
     timing_s: dict[str, float] = field(default_factory=dict)
-    """How long each stage of recognition took."""
+    """Duration of each stage of recognition, seconds."""
     views: tuple[ViewOutcome, ...] = ()
+    """Outcome of each view that recognition was given."""
 
     def summary(self) -> dict[str, Any]:
-        """What is kept in the scan's row, as JSON."""
+        """Return what is stored in the row of the scan, as JSON values."""
         return {
             "chains": self.chains,
             "crossings": self.crossings,
@@ -70,13 +75,20 @@ class Outcome:
         }
 
 
-def check_radius(asked_m: float | None, recorded_m: float | None) -> float | None:
-    """The radius to work with, metres: the one asked for, else the recording's; None, so that it is measured, if none.
+def check_radius(requested_m: float | None, recorded_m: float | None) -> float | None:
+    """Return the string radius to use.
+
+    Args:
+        requested_m: Radius in the request, metres. None: not given.
+        recorded_m: Radius of the recording or of the configuration, metres, used if none is requested. None: unknown.
+
+    Returns:
+        The radius, metres. None if neither is given: recognition then measures it.
 
     Raises:
-        InvalidParametersError: it is no string's radius.
+        InvalidParametersError: The radius is not the radius of a string.
     """
-    radius = recorded_m if asked_m is None else asked_m
+    radius = recorded_m if requested_m is None else requested_m
     return None if radius is None else ChainParameters.for_radius(radius).r
 
 
@@ -88,15 +100,19 @@ def recognise_recording(
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> Recognition:
-    """The recording at `path`, recognised; what is missing from the file is among the model's warnings.
+    """Recognise a recording. The warnings of the model list what is missing from the file.
 
-    `radius_m` in metres, None for the recording's own; where that has none, it is measured. Grasps are for
-    `gripper`, the default one if None. `on_stage` is called with the name of each stage when it begins. `settings` are
-    parameter values by name, in place of those for the radius.
+    Args:
+        path: The recording.
+        radius_m: String radius, metres. None: the radius in the recording; without one there, it is measured.
+        method: Recognition method.
+        on_stage: Called with the name of each stage when it begins.
+        gripper: Gripper for which grasps are planned. None: the default gripper.
+        settings: Parameter values by name. They replace the values that follow from the radius.
 
     Raises:
-        RecordingError: the file cannot be used.
-        RecognitionError: the radius, or what was recorded, cannot be used.
+        RecordingError: The file cannot be used.
+        RecognitionError: The radius or the views cannot be used.
     """
     if on_stage is not None:
         on_stage(READING)
@@ -117,12 +133,20 @@ def recognise_views(
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> Recognition:
-    """The views of a recording, or of a scan under way, recognised; each is worked on as it comes.
+    """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
-    `missing` says what is not there, and need not be complete before the last view: it goes into the model's warnings.
+    Args:
+        views: The views.
+        header: Header of the recording.
+        missing: Messages about missing views. They become warnings of the model, and are read after the last view.
+        radius_m: String radius, metres. None: it is measured.
+        method: Recognition method.
+        on_stage: Called with the name of each stage when it begins.
+        gripper: Gripper for which grasps are planned. None: the default gripper.
+        settings: Parameter values by name. They replace the values that follow from the radius.
 
     Raises:
-        RecognitionError: the radius, or what was recorded, cannot be used.
+        RecognitionError: The radius or the views cannot be used.
     """
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
@@ -133,7 +157,7 @@ def recognise_views(
 
 
 def write_results(recognition: Recognition, folder: Path) -> Outcome:
-    """Writes model.json and cloud.ply into the new folder `folder`, each synced to disk."""
+    """Create `folder`, write `model.json` and `cloud.ply` into it, each synced to the disk, and return the outcome."""
     folder.mkdir()
     model, points = recognition.model, merged_cloud(recognition)
     contents = {MODEL: json.dumps(model.to_json(), allow_nan=False).encode(), CLOUD: to_ply(points)}
@@ -143,27 +167,27 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
         len(model.chains),
         len(model.crossings),
         model.quality.warnings,
-        _views_left_out(model),
+        _has_excluded_views(model),
         None if recognition.registration is None else recognition.registration.hand_eye_error,
-        {name: _as_written(content) for name, content in contents.items()},
+        {name: _hash_and_size(content) for name, content in contents.items()},
         dict(model.timing_s),
         view_outcomes(recognition),
     )
 
 
 def write_preview(recognition: Recognition, path: Path) -> None:
-    """Writes the picture of the result, synced to disk. By itself, since it takes longer than recognition."""
+    """Write the preview of the result, synced to the disk. It is separate because it takes longer than recognition."""
     write_synced(path, draw_preview(recognition.model, merged_cloud(recognition)))
 
 
 def merged_cloud(recognition: Recognition) -> NDArray[np.float64]:
-    """Points (N, 3) of all views together, base frame, metres; none when recognition ended before merging."""
+    """Return the points (N, 3) of all views, base frame, metres. N is zero if recognition ended before registration."""
     registration = recognition.registration
     return np.zeros((0, 3)) if registration is None else registration.points
 
 
 def to_ply(points: NDArray[np.float64]) -> bytes:
-    """Points (N, 3) as a binary PLY file, metres as float32 (0.1 micrometres at one metre)."""
+    """Return points (N, 3) as a binary PLY file, in metres as float32 (resolution 0.1 micrometres at one metre)."""
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment metres, base frame\n"
         f"element vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
@@ -171,10 +195,10 @@ def to_ply(points: NDArray[np.float64]) -> bytes:
     return header.encode() + np.ascontiguousarray(points, dtype="<f4").tobytes()
 
 
-def _as_written(content: bytes) -> dict[str, Any]:
+def _hash_and_size(content: bytes) -> dict[str, Any]:
     return {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
 
 
-def _views_left_out(model: PointChainModel) -> bool:
-    # Where there is no string no view shows one, and none was needed.
+def _has_excluded_views(model: PointChainModel) -> bool:
+    # without a string in the scene no view is used, and the result is complete all the same
     return bool(model.chains) and not all(view.used for view in model.quality.views)

@@ -20,6 +20,7 @@ Truth = Mapping[str, Any] | None
 Draw = Callable[["Figure", Recognition, Truth], None]
 
 MM = 1000.0
+"""Millimetres per metre."""
 WIDTH_INCH = 9.0
 """Width of each picture. Its height follows the extent of what it shows."""
 ZOOM_R = 6.0
@@ -27,10 +28,11 @@ ZOOM_R = 6.0
 LABEL_R = 3.5
 """Distance of the labels "over" and "under" from the crossing, in string radii."""
 MAX_CLOSE_UPS = 6
-"""Number of crossings that are drawn as a close-up."""
+"""Maximum number of crossings with a close-up."""
 CLOSE_UPS_PER_COLUMN = 3
+"""Number of close-ups in one column."""
 MAX_NORMALS = 1500
-"""Number of normal vectors that are drawn. More of them hide the points."""
+"""Approximate maximum number of drawn normal vectors. More of them hide the points."""
 
 
 def write_trace(recognition: Recognition, folder: Path, truth: Truth = None) -> list[Path]:
@@ -42,7 +44,7 @@ def write_trace(recognition: Recognition, folder: Path, truth: Truth = None) -> 
 
     Args:
         recognition: The result of `recognise`.
-        folder: Where the pictures go. It is created if it does not exist.
+        folder: Folder for the pictures. It is created if it does not exist.
         truth: Content of the truth file of a simulated recording. Its true centre lines are drawn too.
 
     Returns:
@@ -259,7 +261,7 @@ def _model(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
 
 
 def _close_up(axes: "Axes", crossing: Crossing, model: PointChainModel, truth: Truth) -> None:
-    """Draw one crossing from above, with its strands labelled "over" and "under"."""
+    """Draw one crossing from above, with the labels "over" and "under" at its strands."""
     half = ZOOM_R * model.parameters.r * MM
     x, y = crossing.point[:2] * MM
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal", xticks=[], yticks=[])
@@ -297,7 +299,7 @@ STAGE_PICTURES: dict[str, Draw] = {
     "tube_fit": _tube_fit,
     "model": _model,
 }
-"""What draws each picture, by the picture's name."""
+"""Functions that draw the pictures, by the name of the picture."""
 
 
 def _from_above(figure: "Figure", title: str) -> "Axes":
@@ -325,7 +327,7 @@ def _true_lines(axes: "Axes", truth: Truth) -> None:
 
 
 def _finish(figure: "Figure", axes: "Axes", truth: Truth) -> None:
-    """Add the true lines, and below the axes a legend of all that has a label."""
+    """Add the true lines, and a legend of everything that has a label below the axes."""
     _true_lines(axes, truth)
     width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
     figure.set_figheight(float(np.clip(WIDTH_INCH * 0.8 * height / width + 2.0, 4.0, 9.0)))
@@ -334,5 +336,5 @@ def _finish(figure: "Figure", axes: "Axes", truth: Truth) -> None:
         legend = figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
         handle: Any
         for handle in legend.legend_handles:
-            if hasattr(handle, "set_sizes"):  # dots of one pixel would not be seen
+            if hasattr(handle, "set_sizes"):  # dots of one pixel would be invisible
                 handle.set_sizes([20.0])

@@ -1,8 +1,8 @@
-"""A recording that somebody sent, read in a process of its own with little of everything.
+"""Read an untrusted recording in a sandbox: its own process, with limits on memory, time and files.
 
-The reader checks each size before it trusts it. This is for what it may have missed, and for the libraries below it: a
-file that makes them take all memory, never end, or crash, takes a process with it that does nothing else. A process
-for each file, so that none leaves anything behind for the next; starting one takes about half a second.
+The reader checks each size before it trusts it. The sandbox covers checks that the reader lacks, and the libraries
+that it uses: a file that exhausts the memory, never ends or crashes affects only this process. Each file has a new
+process, so that no file affects the next one. The start of a process takes about half a second.
 """
 
 import json
@@ -31,11 +31,12 @@ from service.storage.database import now
 from service.storage.rows import RecordingRow
 
 MIB = 1 << 20
-MOST_ANSWER_BYTES = 4 * MIB
-"""Far more than there is to tell of any recording."""
+MAX_OUTPUT_BYTES = 4 * MIB
+"""Maximum size of the process's output, far more than any recording needs."""
 PROGRAM = "from service.processing.upload_sandbox_main import main; main()"
+"""Python code that the process runs."""
 
-KNOWN: dict[str, type[RecordingError]] = {
+ERRORS_BY_SLUG: dict[str, type[RecordingError]] = {
     kind.slug: kind
     for kind in (
         NotMcapError,
@@ -47,52 +48,61 @@ KNOWN: dict[str, type[RecordingError]] = {
         RecordingUnreadableError,
     )
 }
+"""Errors that the process reports by their slug."""
 
 
 class RecordingRefusedError(RecordingError):
-    """Reading it was ended: it took too much, or crashed the reader."""
+    """Reading the recording was stopped: it took too much time or memory, or crashed the reader."""
 
     slug = "recording-refused"
 
 
 @dataclass(frozen=True)
-class ChildLimits:
-    """What reading one recording may take."""
+class SandboxLimits:
+    """Limits for reading one recording."""
 
     memory_bytes: int = 160 * MIB
-    """Address space beyond what the process has before it opens the file, which is 90 MiB of memory. 64 views of
-    1280x800 take 150 MiB."""
+    """Address space in addition to that of the process before it opens the file, bytes.
+
+    The process has 90 MiB of memory by then. 64 views of 1280x800 take 150 MiB.
+    """
     cpu_s: int = 20
-    """Time on a core, starting included."""
+    """CPU time including the start of the process, seconds."""
     wall_s: float = 60.0
-    """In all. More than `cpu_s`, for a busy machine."""
+    """Total time, seconds. It exceeds `cpu_s`, for a busy machine."""
 
 
-DEFAULT_CHILD_LIMITS = ChildLimits()
+DEFAULT_LIMITS = SandboxLimits()
 
 
-def describe_foreign_recording(
-    recording_id: str, path: Path, sha256: str, limits: ChildLimits = DEFAULT_CHILD_LIMITS
+def describe_untrusted_recording(
+    recording_id: str, path: Path, sha256: str, limits: SandboxLimits = DEFAULT_LIMITS
 ) -> RecordingRow:
-    """The row of a recording that may hold anything, as `describe_recording` gives it.
+    """Return the database row of a recording that may have any content, like `describe_recording`.
+
+    Args:
+        recording_id: Id of the recording.
+        path: The recording.
+        sha256: SHA-256 of the file.
+        limits: Limits of the process.
 
     Raises:
-        RecordingError: it cannot be used; RecordingRefusedError names the limit that it met.
-        OSError: the file cannot be opened.
+        RecordingError: The recording cannot be used. RecordingRefusedError names the exceeded limit.
+        OSError: The file cannot be opened.
     """
     with path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            upload_sandbox_main.describe(path)  # refuses it by that, and reads no more of it
-    code, said = _ask(path, limits)
+            upload_sandbox_main.describe(path)  # raises NotMcapError after these bytes, without a process
+    code, output = _run_reader(path, limits)
     if code is None:
         raise RecordingRefusedError(f"{path.name} was not read within {limits.wall_s:g} s")
     if code != 0:
-        raise RecordingRefusedError(_ended(path.name, code, limits))
+        raise RecordingRefusedError(_exit_message(path.name, code, limits))
     try:
-        answer = json.loads(said)
+        answer = json.loads(output)
         if "error" in answer:
-            slug, words = answer["error"]
-            raise _error(path.name, slug, words, limits)
+            slug, message = answer["error"]
+            raise _reported_error(path.name, slug, message, limits)
         size_bytes = path.stat().st_size
         return RecordingRow(
             id=recording_id, created_at=now(), size_bytes=size_bytes, sha256=sha256, **answer["content"]
@@ -100,63 +110,65 @@ def describe_foreign_recording(
     except RecordingError:
         raise
     except (ValueError, TypeError, KeyError) as error:
-        raise RecordingRefusedError(f"reading {path.name} gave no sensible answer") from error
+        raise RecordingRefusedError(
+            f"the reader gave no valid output for {path.name}: use another recording"
+        ) from error
 
 
-def _error(name: str, slug: str, words: str, limits: ChildLimits) -> RecordingError:
-    """What the process says it was that it met."""
-    if slug in KNOWN:
-        return KNOWN[slug](words)
+def _reported_error(name: str, slug: str, message: str, limits: SandboxLimits) -> RecordingError:
+    """Return the error that the process reported."""
+    if slug in ERRORS_BY_SLUG:
+        return ERRORS_BY_SLUG[slug](message)
     if slug == upload_sandbox_main.MEMORY:
         return RecordingRefusedError(f"reading {name} took more than {limits.memory_bytes // MIB} MiB of memory")
-    return RecordingRefusedError(f"reading {name} met an unexpected {words}: it is damaged, or made to do so")
+    return RecordingRefusedError(f"reading {name} failed with an unexpected {message}: the file is damaged or hostile")
 
 
-def _ended(name: str, code: int, limits: ChildLimits) -> str:
-    """In words, why the process gave no answer."""
+def _exit_message(name: str, code: int, limits: SandboxLimits) -> str:
+    """Return a message about a process that ended without output."""
     if code == -signal.SIGXCPU:
-        return f"reading {name} took more than {limits.cpu_s} s on a core"
-    return f"reading {name} crashed the reader (exit code {code}): it is damaged, or made to do so"
+        return f"reading {name} took more than {limits.cpu_s} s of CPU time"
+    return f"reading {name} crashed the reader (exit code {code}): the file is damaged or hostile"
 
 
-def _ask(path: Path, limits: ChildLimits) -> tuple[int | None, bytes]:
-    """The process's exit code and what it said; None instead of the code when its time was over."""
+def _run_reader(path: Path, limits: SandboxLimits) -> tuple[int | None, bytes]:
+    """Run the process and return its exit code, or None after a timeout, and its output."""
     process = subprocess.Popen(
         [sys.executable, "-P", "-c", PROGRAM, str(path.absolute()), str(limits.memory_bytes), str(limits.cpu_s)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,  # what a library says of a stranger's file is not for our log
+        stderr=subprocess.DEVNULL,  # messages of libraries about an untrusted file stay out of the log
         cwd="/",
-        env=_environment(),
+        env=_child_environment(),
         start_new_session=True,
     )
-    late = threading.Event()
+    timed_out = threading.Event()
 
-    def end() -> None:
-        late.set()
+    def kill_at_timeout() -> None:
+        timed_out.set()
         process.kill()
 
-    timer = threading.Timer(limits.wall_s, end)
+    timer = threading.Timer(limits.wall_s, kill_at_timeout)
     timer.daemon = True
     try:
         timer.start()
         with process:
             assert process.stdout is not None
-            said = process.stdout.read(MOST_ANSWER_BYTES + 1)
-            if len(said) > MOST_ANSWER_BYTES:
+            output = process.stdout.read(MAX_OUTPUT_BYTES + 1)
+            if len(output) > MAX_OUTPUT_BYTES:
                 process.kill()
             code = process.wait()
     finally:
         timer.cancel()
         process.kill()
-    return (None if late.is_set() else code), said
+    return (None if timed_out.is_set() else code), output
 
 
-def _environment() -> dict[str, str]:
-    """Nothing of the service's own, which may hold what no stranger's file should come near."""
+def _child_environment() -> dict[str, str]:
+    """Return the environment of the process, without the service's variables, since they may hold secrets."""
     return {
         "PYTHONPATH": os.pathsep.join(str(Path(path).absolute()) for path in sys.path),
-        "OPENBLAS_NUM_THREADS": "1",  # its threads' stacks would count
+        "OPENBLAS_NUM_THREADS": "1",  # the stacks of its threads would count as memory of the file
         "MALLOC_ARENA_MAX": "1",
-        "MALLOC_MMAP_THRESHOLD_": "262144",  # images are given back at once, not kept in pieces
+        "MALLOC_MMAP_THRESHOLD_": "262144",  # freed images return to the system at once, without fragments
     }

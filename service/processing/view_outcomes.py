@@ -1,4 +1,4 @@
-"""What recognition made of each view, in short."""
+"""Outcome of each view: whether recognition used it, and how far registration moved it."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -8,25 +8,29 @@ from recognition.pipeline import Recognition
 
 @dataclass(frozen=True)
 class ViewOutcome:
-    """One view."""
+    """Outcome of one view."""
 
     index: int
-    left_out: Literal["nothing_seen", "contradicting"] | None
-    """Why it was not used; None: it was."""
+    """Index of the view."""
+    exclusion_reason: Literal["nothing_seen", "contradicting"] | None
+    """Why the view was not used. None: it was used."""
     correction_m: float | None
-    """How far registration moved it; None where it was not registered."""
+    """Distance by which registration moved the view, metres. None: not registered."""
     correction_rad: float | None
+    """Angle by which registration turned the view, radians. None: not registered."""
 
 
 def view_outcomes(recognition: Recognition) -> tuple[ViewOutcome, ...]:
-    """Of each view that recognition was given."""
+    """Return the outcome of each view that recognition was given."""
     registered = recognition.registration
     compared = set() if registered is None else {view.index for view in registered.views}
 
-    def left_out(index: int) -> Literal["nothing_seen", "contradicting"]:
+    def exclusion_reason(index: int) -> Literal["nothing_seen", "contradicting"]:
         return "contradicting" if index in compared else "nothing_seen"
 
     return tuple(
-        ViewOutcome(view.index, None if view.used else left_out(view.index), view.correction_m, view.correction_rad)
+        ViewOutcome(
+            view.index, None if view.used else exclusion_reason(view.index), view.correction_m, view.correction_rad
+        )
         for view in recognition.model.quality.views
     )

@@ -1,7 +1,7 @@
-"""Recognition in a process of its own: it keeps the event loop free, can be killed, and may crash.
+"""The service's side of the recognition process.
 
-The process is started before its first task, because its imports take more than a second. It is used again until it is
-killed or dies.
+Recognition runs in its own process: the event loop stays free, and the process may crash or be killed. It is started
+before its first task, because its imports take more than a second. It is reused until it is killed or dies.
 """
 
 import logging
@@ -17,21 +17,25 @@ from cell.devices import View
 from cell.process.logging import child_logging_setup
 from service.errors import Failure
 from service.processing.results import OnStage, Outcome
-from service.processing.worker_main import BrokenOff, LastView, PreviewEnded, Stage, Task, work
-from service.signals import ctrl_c_is_ours
+from service.processing.worker_main import Cancelled, EndOfViews, PreviewEnded, Stage, Task, run_process
+from service.signals import block_sigint_for_children
 
 log = logging.getLogger(__name__)
 
-START_S = 60.0
-"""A process that is not ready by then will not be."""
-PREVIEW_S = 20.0
-"""A picture that is not drawn by then will not be."""
-BREAK_OFF_S = 2.0
-"""A process that has not dropped its task by then is killed: the last views may be at work."""
+START_TIMEOUT_S = 60.0
+"""Timeout for the process to become ready. It is killed after that."""
+PREVIEW_TIMEOUT_S = 20.0
+"""Timeout for drawing the preview."""
+CANCEL_TIMEOUT_S = 2.0
+"""Timeout for the process to drop a cancelled task. It is killed after that: it may still process the last views."""
 
 
 class TaskFailedError(Exception):
-    """A task gave no result; `failure` says why."""
+    """A task gave no result.
+
+    Attributes:
+        failure: The reason.
+    """
 
     def __init__(self, slug: str, message: str) -> None:
         super().__init__(message)
@@ -39,131 +43,140 @@ class TaskFailedError(Exception):
 
 
 class RecognitionWorker:
-    """The process, seen from the service. `start`, `prepare` and `run` belong to one thread, `kill` to any."""
+    """Handle of the recognition process.
+
+    `start`, `prepare`, `run` and `wait_for_preview` belong to one thread. `kill` may be called from any thread.
+    """
 
     def __init__(self) -> None:
+        """Create the handle; no process is started before `start` or `prepare`."""
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._starting = threading.Lock()
-        """Held while the process comes into being, so that `kill` finds all of it or nothing."""
+        """Held while the process is started, so that `kill` finds a complete process or none."""
         self._killed = False
-        """A killed process may still look alive for a moment."""
-        self._not_ready: str | None = "recognition is starting"
-        self._waits = False
-        """It has said that it is done with the last task, and nothing was sent since."""
-        self.starts = 0
-        """How many processes were started so far; each after the first means that the one before had ended."""
+        """True after `kill`: a killed process may still look alive for a moment."""
+        self._not_ready_reason: str | None = "recognition is starting"
+        self._idle = False
+        """True if the process has reported the end of the last task and nothing was sent since."""
+        self.start_count = 0
+        """Number of processes started so far. Each one after the first means that the one before had ended."""
 
     @property
     def alive(self) -> bool:
-        """The process runs, and will go on; it may be at work."""
+        """Whether the process runs and was not killed. It may be at work."""
         process = self._process
         return process is not None and not self._killed and process.exitcode is None
 
     @property
-    def not_ready(self) -> str | None:
-        """Why no task can be done now, or None; a process at work is ready."""
-        if self._not_ready is None and not self.alive:
+    def not_ready_reason(self) -> str | None:
+        """Why no task can be run now; None if one can. A process at work is ready."""
+        if self._not_ready_reason is None and not self.alive:
             return "recognition is starting again"
-        return self._not_ready
+        return self._not_ready_reason
 
     def prepare(self) -> None:
-        """As `start`, but a failure is told by `not_ready`."""
+        """Start the process like `start`, but report a failure in `not_ready_reason`."""
         try:
             self.start()
         except TaskFailedError as error:
-            # Killed while it started, or broken: the next task tries again and tells.
-            self._not_ready = f"recognition did not start: {error}"
+            # killed during the start, or broken: the next task tries again and raises the error
+            self._not_ready_reason = f"recognition did not start: {error}"
 
     def start(self) -> None:
-        """Makes sure that a warmed-up process waits for a task; blocks until it does.
+        """Start the process unless it is alive, and wait until it is warmed up and ready for a task.
 
         Raises:
-            TaskFailedError: it could not be started, ended before it was ready, or took too long.
+            TaskFailedError: The process could not be started, ended before it was ready, or took too long.
         """
         if self.alive:
             return
-        self._not_ready = "recognition is starting"
+        self._not_ready_reason = "recognition is starting"
         self._release()
         context = multiprocessing.get_context("spawn")
         try:
-            self._pipe, theirs = context.Pipe()
+            self._pipe, child_pipe = context.Pipe()
             process = context.Process(
-                target=work, args=(theirs, child_logging_setup()), name="recognition", daemon=True
+                target=run_process, args=(child_pipe, child_logging_setup()), name="recognition", daemon=True
             )
-            with theirs, self._starting, ctrl_c_is_ours():
+            with child_pipe, self._starting, block_sigint_for_children():
                 process.start()
                 self._process, self._killed = process, False
-            self.starts += 1
+            self.start_count += 1
         except OSError as error:
             self._release()
-            raise _not_started(error) from error
-        message = self._receive(time.monotonic() + START_S)
+            raise _start_error(error) from error
+        message = self._receive(time.monotonic() + START_TIMEOUT_S)
         if isinstance(message, Failure):
             self.close()
             raise TaskFailedError(message.slug, message.message)
-        self._not_ready = None
+        self._not_ready_reason = None
 
     def run(
         self,
         task: Task,
         on_stage: OnStage,
-        limit_s: float,
+        timeout_s: float,
         views: Iterable[View] = (),
         missing: Sequence[str] = (),
     ) -> Outcome:
-        """Does one task in the started process; `on_stage` is called with the name of each stage as it begins.
+        """Run one task in the started process and return its outcome.
 
-        A scan under way gives its `views` as they are taken, and `missing` is read behind the last; the time limit
-        begins there, and holds for the taking of each view. What iterating over `views` raises ends the task.
+        Args:
+            task: The scan to recognise.
+            on_stage: Called with the name of each stage as it begins.
+            timeout_s: Timeout for sending each view, and for recognition after the last view.
+            views: Views of a running scan, as they are taken. An error that the iteration raises ends the task.
+            missing: Messages about missing views. They are read after the last view.
 
         Raises:
-            TaskFailedError: the input was refused, the process died or was killed, or the time is over.
+            TaskFailedError: The input was refused, the process died or was killed, or the time is over.
         """
-        self._waits = False
+        self._idle = False
         try:
-            message = self._answer(task, on_stage, limit_s, views, missing)
+            message = self._exchange(task, on_stage, timeout_s, views, missing)
         except BaseException:
-            if not self._waits:
-                self.kill()  # what it says later would be taken for the answer to the next task
+            if not self._idle:
+                self.kill()  # a late answer would be taken for the answer to the next task
             raise
         if isinstance(message, Failure):
             raise TaskFailedError(message.slug, message.message)
         return message
 
     def wait_for_preview(self) -> bool:
-        """Waits for the picture of the task that has just given its outcome: whether the process came to its end.
+        """Wait for the preview of the task that has just ended.
 
-        If not, it is dead, and what there is of the picture may be a part.
+        Returns:
+            False if the process died. The file of the preview may then be incomplete.
         """
         try:
-            while not isinstance(self._receive(time.monotonic() + PREVIEW_S), PreviewEnded):
+            while not isinstance(self._receive(time.monotonic() + PREVIEW_TIMEOUT_S), PreviewEnded):
                 pass
         except TaskFailedError:  # killed, or hanging: the next task starts a new process
             return False
         return True
 
     def kill(self) -> None:
-        """Ends the process, if there is one, at once, whatever it does."""
+        """Kill the process at once, if there is one."""
         with self._starting:
             if self._process is not None:
                 self._killed = True
                 self._process.kill()
 
     def close(self) -> None:
-        """Ends the process and waits for its end."""
+        """Kill the process and wait for its end."""
         self.kill()
         self._release()
 
-    def _answer(
-        self, task: Task, on_stage: OnStage, limit_s: float, views: Iterable[View], missing: Sequence[str]
+    def _exchange(
+        self, task: Task, on_stage: OnStage, timeout_s: float, views: Iterable[View], missing: Sequence[str]
     ) -> Outcome | Failure:
-        self._send(task, limit_s)
+        self._send(task, timeout_s)
         if not isinstance(task.source, Path):
-            for view in self._unless_broken_off(views):
-                self._send(view, limit_s)
-            self._send(LastView(tuple(missing)), limit_s)
-        deadline = time.monotonic() + limit_s
+            for view in self._cancel_on_error(views):
+                self._send(view, timeout_s)
+            self._send(EndOfViews(tuple(missing)), timeout_s)
+        deadline = time.monotonic() + timeout_s
         while True:
             message = self._receive(deadline)
             if isinstance(message, Stage):
@@ -171,37 +184,37 @@ class RecognitionWorker:
             elif isinstance(message, Failure | Outcome):
                 return message
 
-    def _unless_broken_off(self, views: Iterable[View]) -> Iterator[View]:
-        """The views; when no more can be had, the process is told to drop its task, so that it need not be killed."""
+    def _cancel_on_error(self, views: Iterable[View]) -> Iterator[View]:
+        """Yield the views. If they raise an error, cancel the task, so that the process need not be killed."""
         try:
             yield from views
         except Exception:
-            self._break_off()
+            self._cancel_task()
             raise
 
-    def _break_off(self) -> None:
+    def _cancel_task(self) -> None:
         try:
-            self._send(BrokenOff(), BREAK_OFF_S)
-            deadline = time.monotonic() + BREAK_OFF_S
+            self._send(Cancelled(), CANCEL_TIMEOUT_S)
+            deadline = time.monotonic() + CANCEL_TIMEOUT_S
             while not isinstance(self._receive(deadline), Failure):
                 pass
-            self._waits = True
+            self._idle = True
         except TaskFailedError as error:  # it is dead; the next task starts another
             log.info("the recognition process did not drop its task: %s", error)
 
-    def _send(self, message: object, limit_s: float) -> None:
-        """A process that hangs takes nothing: without an end, sending would wait for ever once the pipe is full."""
+    def _send(self, message: object, timeout_s: float) -> None:
+        """Send a message; kill the process at the timeout, because a full pipe would block forever if it hangs."""
         assert self._pipe is not None
-        deadline, end = time.monotonic() + limit_s, threading.Timer(limit_s, self.kill)
-        end.daemon = True
+        deadline, timer = time.monotonic() + timeout_s, threading.Timer(timeout_s, self.kill)
+        timer.daemon = True
         try:
-            end.start()  # Ctrl-C may come while it does
+            timer.start()  # inside the try, because Ctrl-C may interrupt it
             self._pipe.send(message)
         except OSError as error:
-            late, died = time.monotonic() >= deadline, self._died()
-            raise (_late() if late else died) from error
+            is_late, died = time.monotonic() >= deadline, self._died()
+            raise (_timeout_error() if is_late else died) from error
         finally:
-            end.cancel()
+            timer.cancel()
 
     def _receive(self, deadline: float) -> object:
         assert self._pipe is not None
@@ -210,9 +223,9 @@ class RecognitionWorker:
         if not ready:
             self.kill()
             self._release()
-            raise _late()
+            raise _timeout_error()
         try:
-            # What the process said before it died is still in the pipe.
+            # messages that the process sent before it died are still in the pipe
             if self._pipe.poll():
                 return self._pipe.recv()
         except (EOFError, OSError) as error:
@@ -224,10 +237,11 @@ class RecognitionWorker:
         code = self._release()
         return TaskFailedError(
             "recognition-crashed",
-            f"the recognition process ended unexpectedly (exit code {code}); its log may say more",
+            f"the recognition process ended unexpectedly (exit code {code}); its log may have the reason",
         )
 
     def _release(self) -> int | None:
+        """Wait for the end of the process and close the pipe. Return the exit code."""
         code = None
         if self._process is not None:
             self._process.join()
@@ -240,13 +254,13 @@ class RecognitionWorker:
         return code
 
 
-def _not_started(error: OSError) -> TaskFailedError:
+def _start_error(error: OSError) -> TaskFailedError:
     return TaskFailedError(
         "recognition-crashed",
-        f"no process for recognition could be started: {error.strerror or error}; it is tried again. If it stays so, "
-        "end other programs, or allow the service more open files, processes or memory",
+        f"the recognition process could not be started: {error.strerror or error}; the service tries again. If this "
+        "continues, end other programs, or allow the service more open files, processes or memory",
     )
 
 
-def _late() -> TaskFailedError:
+def _timeout_error() -> TaskFailedError:
     return TaskFailedError("recognition-timeout", "recognition was stopped at its time limit")

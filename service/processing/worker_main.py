@@ -1,4 +1,4 @@
-"""The recognition process: its own loop, and what goes through the pipe to and from it."""
+"""The recognition process: its main loop, and the messages on the pipe between it and the service."""
 
 import logging
 import multiprocessing
@@ -21,15 +21,15 @@ from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS, Failure
-from service.logs.setup import log_scan
+from service.logs.setup import scan_log_context
 from service.processing.preview import draw_preview
 from service.processing.results import READING, WRITING, OnStage, recognise_views, write_preview, write_results
 from service.storage.storage_errors import is_full
 
 log = logging.getLogger(__name__)
 
-YIELDING = 5
-"""Nicer than the service by this: what watches the arm comes first where there are few cores."""
+NICE_INCREMENT = 5
+"""Increment of the process's nice value, so that the service, which monitors the arm, has priority on few cores."""
 
 
 @dataclass(frozen=True)
@@ -37,68 +37,76 @@ class Task:
     """One scan to recognise."""
 
     source: Path | RecordingHeader
-    """A recording, or the header of one that is being made: its views then follow through the pipe."""
+    """A recording, or the header of a recording in progress. With a header, the views follow through the pipe."""
     radius_m: float | None
-    """None: it is measured, whatever the recording says."""
+    """String radius, metres. None: it is measured, also if the recording has one."""
     method: Method
+    """Recognition method."""
     gripper: Gripper
+    """Gripper for which grasps are planned."""
     results: Path
-    """Folder to be made for the result's files."""
+    """Folder for the files of the result. The process creates it."""
     preview: Path
-    """File to be made for the result's picture, after the outcome is told."""
+    """File for the preview. The process writes it after it has sent the outcome."""
     missing: tuple[str, ...] = ()
-    """What is known to be missing from a recording, in words, whether or not its file tells."""
+    """Messages about what is known to be missing from a recording, even if its file does not show it."""
     scan: str | None = None
-    """Its id, for the log."""
+    """Id of the scan, for the log."""
 
 
 @dataclass(frozen=True)
-class LastView:
-    """No more views come."""
+class EndOfViews:
+    """Message to the process: no more views follow."""
 
     missing: tuple[str, ...]
-    """Which are not there, and why."""
+    """Messages about the missing views, each with the reason."""
 
 
 @dataclass(frozen=True)
-class BrokenOff:
-    """No more views come, and nobody wants to know what these would give."""
+class Cancelled:
+    """Message to the process: no more views follow, and the result is not needed."""
 
 
-class BrokenOffError(Exception):
-    """The task is not wanted any more."""
+class TaskCancelledError(Exception):
+    """The service cancelled the task."""
 
 
 @dataclass(frozen=True)
 class Ready:
-    """The process waits for a task."""
+    """Message from the process: it waits for a task."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage begins."""
+    """Message from the process: a stage begins."""
 
     name: str
+    """Name of the stage."""
 
 
 @dataclass(frozen=True)
 class PreviewEnded:
-    """The picture is there, whole, or will never be."""
+    """Message from the process: the preview is complete, or drawing it failed and there is no file."""
 
 
-def work(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
-    """The process's own loop."""
+def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
+    """Run the main loop of the recognition process.
+
+    Args:
+        pipe: Connection to the service.
+        set_up_log: Sets up the log of the process, by the process's name. None: the log is left as it is.
+    """
     if set_up_log is not None:
         set_up_log(multiprocessing.current_process().name)
-    for number in (signal.SIGINT, signal.SIGTERM):  # they may reach it too; the service ends it in its own time
+    for number in (signal.SIGINT, signal.SIGTERM):  # signals may reach the whole group; the service ends this process
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     if hasattr(os, "nice"):
-        os.nice(YIELDING)
+        os.nice(NICE_INCREMENT)
     try:
         _warm_up()
     except ImportError as error:
-        # a compiled library may lack a library of the system
+        # a compiled library may need a system library that is missing
         pipe.send(Failure("recognition-crashed", f"a library cannot be loaded: {error}"))
         return
     pipe.send(Ready())
@@ -110,45 +118,45 @@ def work(pipe: Connection, set_up_log: LoggingSetup | None = None) -> None:
         if not isinstance(message, Task):
             continue  # views of a task that has failed already
         try:
-            with log_scan(message.scan):
-                recognition = _do(message, pipe)
+            with scan_log_context(message.scan):
+                recognition = _run_task(message, pipe)
                 if recognition is not None:
-                    _draw(recognition, message.preview)
+                    _draw_preview(recognition, message.preview)
                     pipe.send(PreviewEnded())
         except BrokenPipeError:
             return
 
 
-def _do(task: Task, pipe: Connection) -> Recognition | None:
-    """Does a task and tells its outcome; None when it was refused."""
+def _run_task(task: Task, pipe: Connection) -> Recognition | None:
+    """Run a task and send its outcome. Return None if it failed."""
     try:
         recognition = _recognise(task, pipe, lambda name: pipe.send(Stage(name)))
         pipe.send(Stage(WRITING))
         pipe.send(write_results(recognition, task.results))
         return recognition
     except INPUT_ERRORS as error:
-        refused = Failure(error.slug, str(error))
-    except BrokenOffError:
-        refused = Failure("aborted", "the scan was broken off")
+        failure = Failure(error.slug, str(error))
+    except TaskCancelledError:
+        failure = Failure("aborted", "the scan was cancelled")
     except (BrokenPipeError, EOFError):
         raise BrokenPipeError from None
     except Exception as error:
         if is_full(error):
-            refused = Failure("storage-full", "no space is left in the data folder; free some and scan again")
+            failure = Failure("storage-full", "no space is left in the data folder; free some and scan again")
         else:
             log.exception("recognition of %s failed", task.source)
-            detail = f"recognition met an unexpected {type(error).__name__}: {error}: please report it"
-            refused = Failure("recognition-crashed", detail)
-    pipe.send(refused)
+            message = f"recognition failed with an unexpected {type(error).__name__}: {error}; please report it"
+            failure = Failure("recognition-crashed", message)
+    pipe.send(failure)
     return None
 
 
-def _draw(recognition: Recognition, preview: Path) -> None:
+def _draw_preview(recognition: Recognition, preview: Path) -> None:
     try:
         write_preview(recognition, preview)
-    except Exception:  # the result is good without
+    except Exception:  # the result is valid without a preview
         log.exception("the preview could not be drawn")
-        preview.unlink(missing_ok=True)  # a full disk leaves a part of it
+        preview.unlink(missing_ok=True)  # a full disk leaves an incomplete file
 
 
 def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
@@ -160,24 +168,24 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
         return recognise_views(views, header, known, task.radius_m, task.method, on_stage, task.gripper)
     missing: list[str] = []
 
-    def coming() -> Iterator[View]:
+    def receive_views() -> Iterator[View]:
         while isinstance(message := pipe.recv(), View):
             yield message
-        if isinstance(message, BrokenOff):
-            raise BrokenOffError
-        assert isinstance(message, LastView)
+        if isinstance(message, Cancelled):
+            raise TaskCancelledError
+        assert isinstance(message, EndOfViews)
         missing.extend(message.missing)
 
-    return recognise_views(coming(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
+    return recognise_views(receive_views(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
 
 
 def _warm_up() -> None:
-    """The first picture takes longest, so that no scan waits for it. Recognition is imported by now."""
+    """Draw an empty preview, because the first one takes longest. The recognition package is imported already."""
     draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
 
 
-def _end_with_parent() -> None:
-    """A killed service leaves no process behind that writes into its data folder."""
+def _exit_with_parent() -> None:
+    """Exit when the service has died, so that nothing writes into its data folder afterwards."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -1,1 +1,1 @@
-"""Access to the service: who may call what, how large a request may be, and the audit log."""
+"""Access to the service: authentication, roles, limits of requests, headers of answers, and the audit log."""

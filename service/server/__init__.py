@@ -1,1 +1,1 @@
-"""The server process: uvicorn, its connections, its supervisor, and the watch over its event loop."""
+"""The server process: uvicorn with connection limits, the event loop watchdog, and the supervisor."""

@@ -1,5 +1,8 @@
-"""One connection, by uvicorn's h11 protocol: who says nothing for long, or half a request, does not keep it, and where
-there are too many, who asks for nothing makes room."""
+"""Connections by uvicorn's h11 protocol, with a timeout for heads of requests and a limit of open connections.
+
+A client that is silent, or that sends half a request, cannot keep its connection. If too many connections are open,
+those without a request are closed first.
+"""
 
 import asyncio
 import itertools
@@ -12,86 +15,102 @@ from typing import Any, ClassVar
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from service.logs.request_time import having_come
+from service.logs.request_time import request_received_at
 from service.problems.document import MEDIA_TYPE, problem_document
-from service.security.auth.caller import is_nobodys
-from service.security.middleware.headers import UNEXPECTED
-from service.server.file_limit import open_files
+from service.security.auth.caller import is_anonymous
+from service.security.middleware.headers import UNEXPECTED_ERROR_HEADERS
+from service.server.file_limit import open_file_limit
 
 log = logging.getLogger(__name__)
 
-HEAD_S = 10.0
-"""For a request's head to be there, from its first byte on; from the beginning of the connection for the first."""
-MOST = 512
-"""So many connections are open at a time, and never more than take half of the files that may be open."""
-TELL_S = 60.0
-"""That there are too many is told at most once in so long."""
+HEAD_TIMEOUT_S = 10.0
+"""Timeout for the head of a request, from its first byte on.
 
-_turns = itertools.count()
-"""What came first: by a clock, many begin at the same moment."""
+For the first request, it begins with the connection.
+"""
+MAX_CONNECTIONS = 512
+"""Maximum number of open connections. They never use more than half of the files that may be open."""
+WARNING_INTERVAL_S = 60.0
+"""Minimum time between two warnings about too many connections."""
+
+_order = itertools.count()
+"""Order of events on all connections. A clock does not suffice: many connections begin at the same time."""
 
 
-def most_connections() -> int:
-    """So many are kept; the other half of the files is for the store, and for those that come while some are closed."""
-    return min(MOST, open_files() // 2)
+def connection_limit() -> int:
+    """Return the maximum number of open connections.
+
+    The other half of the files is for the store, and for new connections that arrive while others are closed.
+    """
+    return min(MAX_CONNECTIONS, open_file_limit() // 2)
 
 
 def backlog() -> int:
-    """So many wait to be taken, which all are in one turn of the loop: open, before one is closed for each."""
-    return min(2048, open_files() // 8)
+    """Return the maximum number of connections that wait to be accepted.
+
+    One turn of the event loop accepts all of them, so that all are open before another is closed for each.
+    """
+    return min(2048, open_file_limit() // 8)
 
 
 class GuardedConnection(H11Protocol):
-    """Closes a connection on which the head of a request, or a body that nobody reads any more, takes too long.
+    """Closes a connection if the head of a request, or a body that is no longer read, takes too long to arrive.
 
-    Between two requests it stays open for uvicorn's `timeout_keep_alive`, unless there are too many: whoever wants to
-    stop the arm must come in, also while somebody without a token holds as many as he can.
+    Between two requests, a connection stays open for uvicorn's `timeout_keep_alive`, unless there are too many. A
+    request to stop the arm must get through even if a client without a token holds as many connections as it can.
     """
 
-    _told_s: ClassVar[float] = -math.inf
-    """When it was last told that there are too many."""
+    _last_warning_s: ClassVar[float] = -math.inf
+    """Time of the last warning about too many connections, seconds of the event loop."""
 
-    def __init__(self, *args: Any, head_s: float = HEAD_S, **options: Any) -> None:
-        """`args` and `options` as uvicorn has them."""
+    def __init__(self, *args: Any, head_timeout_s: float = HEAD_TIMEOUT_S, **options: Any) -> None:
+        """Create the protocol of one connection.
+
+        Args:
+            args: Arguments of uvicorn.
+            head_timeout_s: Timeout for the head of a request.
+            options: Options of uvicorn.
+        """
         super().__init__(*args, **options)
-        self._head_s = head_s
-        self._waiting: asyncio.TimerHandle | None = None
-        self._silent_since = 0
-        """The turn at which it began, or its last request ended."""
-        self._came_s: float | None = None
-        """When what waits behind the request under way came, if anything does."""
+        self._head_timeout_s = head_timeout_s
+        self._timer: asyncio.TimerHandle | None = None
+        self._idle_since = 0
+        """Position in `_order` at which the connection began, or its last request ended."""
+        self._pipelined_at_s: float | None = None
+        """Monotonic time at which a pipelined request arrived, or None if none waits."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begins to wait for the first head, if there is room."""
+        """Start the timeout of the first head; close a connection if too many are open."""
         super().connection_made(transport)
-        self._silent_since = next(_turns)
-        if len(self.connections) > most_connections():
-            self._make_room()
-        self._wait()
+        self._idle_since = next(_order)
+        if len(self.connections) > connection_limit():
+            self._evict_connection()
+        self._start_timeout()
 
     def data_received(self, data: bytes) -> None:
-        """Waits on for what is incomplete, from its first byte."""
+        """Keep the timeout running while a head or an unread body is incomplete; it began with the first byte."""
         super().data_received(data)
-        if self._came_s is None and self._has_more:
-            self._came_s = time.monotonic()
-        if self._between_requests or self._unread:
-            self._wait()
+        if self._pipelined_at_s is None and self._has_pipelined_data:
+            self._pipelined_at_s = time.monotonic()
+        if self._between_requests or self._discards_body:
+            self._start_timeout()
         else:
-            self._wait_no_more()
+            self._cancel_timeout()
 
     def on_response_complete(self) -> None:
-        """What came of the next request meanwhile, or is still to come of this one's body, is waited for."""
-        self._silent_since = next(_turns)
-        with having_come(self._came_s):  # the next one, which may be a scan that was asked for before a stop
+        """Start the timeout for the rest of this request's body, or for the rest of a pipelined head."""
+        self._idle_since = next(_order)
+        # the pipelined request begins here; it may be a scan that was requested before a stop
+        with request_received_at(self._pipelined_at_s):
             super().on_response_complete()
-        if not self._has_more:
-            self._came_s = None
-        if self._unread or (self._between_requests and self.conn.trailing_data[0]):
-            self._wait()
+        if not self._has_pipelined_data:
+            self._pipelined_at_s = None
+        if self._discards_body or (self._between_requests and self.conn.trailing_data[0]):
+            self._start_timeout()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Ends waiting."""
-        self._wait_no_more()
+        """Cancel the timeout."""
+        self._cancel_timeout()
         super().connection_lost(exc)
 
     @property
@@ -99,62 +118,62 @@ class GuardedConnection(H11Protocol):
         return self.conn.their_state is h11.IDLE
 
     @property
-    def _unread(self) -> bool:
-        """The answer is sent and the rest of the request's body is read past."""
+    def _discards_body(self) -> bool:
+        """Whether the answer is complete, and the rest of the request's body is read only to be discarded."""
         return self.conn.their_state is h11.SEND_BODY and self.cycle.response_complete
 
     @property
-    def _under_way(self) -> bool:
-        """A request is there, and its answer is not whole yet."""
+    def _has_request(self) -> bool:
+        """Whether there is a request whose answer is not complete."""
         return self.cycle is not None and not self.cycle.response_complete
 
     @property
-    def _has_more(self) -> bool:
-        """Something of a next request came before the answer to the one under way is whole."""
-        return self._under_way and self.conn.their_state is h11.DONE and bool(self.conn.trailing_data[0])
+    def _has_pipelined_data(self) -> bool:
+        """Whether data of a further request arrived before the answer to the current one is complete."""
+        return self._has_request and self.conn.their_state is h11.DONE and bool(self.conn.trailing_data[0])
 
-    def _make_room(self) -> None:
-        """Closes who has asked for nothing for longest; else who needs no token for what he takes; else this one."""
+    def _evict_connection(self) -> None:
+        """Close the connection that has been idle longest; else one with a public request; else this one."""
         others = [one for one in self.connections if isinstance(one, GuardedConnection) and one is not self]
-        idle = [one for one in others if not one._under_way]
-        leaving = min(idle or filter(_serves_anybody, others), key=lambda one: one._silent_since, default=self)
-        self.connections.discard(leaving)
-        leaving.transport.abort()  # to close it would be to wait until it has taken all that it was sent
+        idle = [one for one in others if not one._has_request]
+        evicted = min(idle or filter(_is_anonymous, others), key=lambda one: one._idle_since, default=self)
+        self.connections.discard(evicted)
+        evicted.transport.abort()  # `close` would wait until the client has received everything
         now_s = self.loop.time()
-        if now_s >= GuardedConnection._told_s + TELL_S:
-            GuardedConnection._told_s = now_s
+        if now_s >= GuardedConnection._last_warning_s + WARNING_INTERVAL_S:
+            GuardedConnection._last_warning_s = now_s
             log.warning(
-                "%d connections are open, and more come: %s",
+                "%d connections are open, which is the limit: %s",
                 len(self.connections),
-                "all are at work, so that new ones are closed" if leaving is self else "idle ones are closed for them",
+                "all of them have requests, so new ones are closed" if evicted is self else "idle ones are closed",
             )
 
-    def _wait(self) -> None:
-        if self._waiting is None and not self.transport.is_closing():
-            self._waiting = self.loop.call_later(self._head_s, self._too_slow)
+    def _start_timeout(self) -> None:
+        if self._timer is None and not self.transport.is_closing():
+            self._timer = self.loop.call_later(self._head_timeout_s, self._on_timeout)
 
-    def _wait_no_more(self) -> None:
-        if self._waiting is not None:
-            self._waiting.cancel()
-            self._waiting = None
+    def _cancel_timeout(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
-    def _too_slow(self) -> None:
-        self._waiting = None
+    def _on_timeout(self) -> None:
+        self._timer = None
         if self.transport.is_closing():
             return
         if self._between_requests and self.conn.trailing_data[0]:
-            self._answer_problem("too-slow", "the request's head comes too slowly")
+            self._send_problem("too-slow", "the head of the request arrives too slowly; send it at once")
         else:
             self.transport.close()
 
     def send_400_response(self, msg: str) -> None:
-        """What is no HTTP is told so by a problem document, as everything else."""
-        self._answer_problem("bad-request", "this is no HTTP/1.1 request, or its head is too large")
+        """Answer what is not HTTP by a problem document, as for every other error."""
+        self._send_problem("bad-request", "this is not an HTTP/1.1 request, or its head is too large")
 
-    def _answer_problem(self, slug: str, detail: str) -> None:
+    def _send_problem(self, slug: str, detail: str) -> None:
         document = problem_document(slug, detail)
         body = json.dumps(document).encode()
-        headers = UNEXPECTED | {"Content-Type": MEDIA_TYPE, "Content-Length": str(len(body))}
+        headers = UNEXPECTED_ERROR_HEADERS | {"Content-Type": MEDIA_TYPE, "Content-Length": str(len(body))}
         try:
             for event in (
                 h11.Response(status_code=document["status"], headers=[(k.lower(), v) for k, v in headers.items()]),
@@ -163,18 +182,18 @@ class GuardedConnection(H11Protocol):
             ):
                 self.transport.write(self.conn.send(event) or b"")
         except h11.LocalProtocolError:
-            self.logger.debug("an answer was under way already")
+            self.logger.debug("another answer had already begun")
         self.transport.close()
 
 
-def _serves_anybody(connection: GuardedConnection) -> bool:
-    return is_nobodys(connection.cycle.scope.get("state", {}))
+def _is_anonymous(connection: GuardedConnection) -> bool:
+    return is_anonymous(connection.cycle.scope.get("state", {}))
 
 
 PROTOCOL: dict[str, Any] = {
     "http": GuardedConnection,
-    "ws": "none",  # nothing here speaks it
-    "proxy_headers": False,  # who asks is whoever is connected, not whom he names
+    "ws": "none",  # no route uses WebSocket
+    "proxy_headers": False,  # the client is the peer of the connection, not the one that a header names
     "server_header": False,
 }
-"""What uvicorn is to use."""
+"""Protocol options of uvicorn."""

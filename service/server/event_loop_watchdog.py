@@ -1,4 +1,4 @@
-"""Notices when the event loop hangs: then no stop comes through any more, so the arm is stopped."""
+"""The watchdog of the event loop. A stop request cannot get through a hung loop, so the watchdog stops the arm."""
 
 import asyncio
 import logging
@@ -11,35 +11,42 @@ log = logging.getLogger(__name__)
 
 TICK_S = 0.1
 HUNG_TICKS = 12
-"""The loop hangs when this thread was woken so many times and the loop not once. Not a time by the clock: where the
-whole machine stands still, this thread does too."""
+"""Ticks of the watchdog without one turn of the loop, after which the loop hangs.
+
+Ticks are counted instead of time, because the watchdog stands still too if the whole machine does.
+"""
 
 
-class LoopWatch:
-    """A thread that looks whether a loop still turns.
+class EventLoopWatchdog:
+    """A thread that checks that an event loop still runs.
 
-    It needs the interpreter's lock. Where something holds that for ever, the arm's controller is no longer heard from
-    either, and its watchdog stops the arm.
+    The thread needs the interpreter's lock. If something holds that for ever, the service no longer reaches the arm's
+    controller either, and the controller's own watchdog stops the arm.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, hung: Callable[[], None]) -> None:
-        """Begins at once, in the loop's thread. `hung` is called once each time that the loop hangs."""
-        self._loop, self._hung = loop, hung
+    def __init__(self, loop: asyncio.AbstractEventLoop, on_hang: Callable[[], None]) -> None:
+        """Start to watch a loop. Call this in the loop's thread.
+
+        Args:
+            loop: The event loop.
+            on_hang: Called once each time that the loop hangs.
+        """
+        self._loop, self._on_hang = loop, on_hang
         self._loop_thread = threading.get_ident()
-        self._missed = 0
+        self._missed_ticks = 0
         self._waiting = False
-        self._told = False
+        self._hung = False
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="loop-watch", daemon=True)
         self._thread.start()
 
     @property
-    def turning(self) -> bool:
-        """The loop does not hang."""
-        return not self._told
+    def is_responsive(self) -> bool:
+        """Whether the loop does not hang."""
+        return not self._hung
 
     def close(self) -> None:
-        """Returns when the watch has ended."""
+        """Stop watching, and wait for the end of the thread."""
         self._ending.set()
         self._thread.join()
 
@@ -48,24 +55,24 @@ class LoopWatch:
             if not self._waiting:
                 self._waiting = True
                 try:
-                    self._loop.call_soon_threadsafe(self._turned)
-                except RuntimeError:  # closed: the service has ended
+                    self._loop.call_soon_threadsafe(self._on_turn)
+                except RuntimeError:  # the loop is closed: the service has ended
                     return
-            self._missed += 1
-            if self._missed >= HUNG_TICKS and not self._told:
-                self._told = True
-                doing = self._doing()  # by the time that the arm is stopped, it may be elsewhere
+            self._missed_ticks += 1
+            if self._missed_ticks >= HUNG_TICKS and not self._hung:
+                self._hung = True
+                stack = self._loop_stack()  # read first: the loop may have moved on when the arm has been stopped
                 try:
-                    self._hung()  # before anything is written, which may wait
-                except Exception:  # the watch goes on: nobody else would notice the next time
+                    self._on_hang()  # before the log is written, which may block
+                except Exception:  # the watchdog must run on to detect the next hang
                     log.exception("the arm could not be stopped")
-                log.critical("the event loop hangs, the arm is stopped; it is at\n%s", doing)
+                log.critical("the event loop hangs, so the arm is stopped; the loop is at\n%s", stack)
 
-    def _turned(self) -> None:
-        if self._told:
-            log.warning("the event loop turns again")
-        self._waiting, self._missed, self._told = False, 0, False
+    def _on_turn(self) -> None:
+        if self._hung:
+            log.warning("the event loop runs again")
+        self._waiting, self._missed_ticks, self._hung = False, 0, False
 
-    def _doing(self) -> str:
+    def _loop_stack(self) -> str:
         frame = sys._current_frames().get(self._loop_thread)
-        return "".join(traceback.format_stack(frame)) if frame is not None else "an unknown place"
+        return "".join(traceback.format_stack(frame)) if frame is not None else "an unknown line"

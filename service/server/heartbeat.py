@@ -1,4 +1,4 @@
-"""The service's end of the line to its supervisor: signs of life go out, and its end comes in."""
+"""The service's end of the socket to its supervisor: it sends heartbeats, and notices the supervisor's exit."""
 
 import asyncio
 import logging
@@ -9,45 +9,45 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-BEAT_S = 0.5
+HEARTBEAT_INTERVAL_S = 0.5
 
 
-class Supervised:
-    """One line, made from the number of its socket."""
+class SupervisorLink:
+    """The socket to the supervisor, opened by its file descriptor."""
 
-    def __init__(self, number: int) -> None:
-        self._line = socket.socket(fileno=number)
-        self._line.setblocking(False)  # a supervisor that does not read must not make the loop wait
-        self._line.set_inheritable(False)
+    def __init__(self, descriptor: int) -> None:
+        self._socket = socket.socket(fileno=descriptor)
+        self._socket.setblocking(False)  # a supervisor that does not read must not block the event loop
+        self._socket.set_inheritable(False)
 
-    def listening(self, port: int) -> None:
-        """Tells where the service listens; it counts as started then."""
-        self._say(f"listening {port}\n")
+    def report_listening(self, port: int) -> None:
+        """Report the port on which the service listens. For the supervisor, the service has then started."""
+        self._send(f"listening {port}\n")
 
-    async def beat(self) -> None:
-        """Tells again and again that the event loop turns."""
+    async def send_heartbeats(self) -> None:
+        """Send a heartbeat every `HEARTBEAT_INTERVAL_S`, for as long as the event loop runs."""
         while True:
-            self._say("beat\n")
-            await asyncio.sleep(BEAT_S)
+            self._send("beat\n")
+            await asyncio.sleep(HEARTBEAT_INTERVAL_S)
 
-    def when_it_ends(self, then: Callable[[], None]) -> None:
-        """Calls `then`, in another thread, once the supervisor is gone."""
+    def on_supervisor_exit(self, callback: Callable[[], None]) -> None:
+        """Call `callback` in another thread when the supervisor has ended."""
 
         def watch() -> None:
             try:
-                select.select([self._line], [], [])  # it never says anything
+                select.select([self._socket], [], [])  # the supervisor never sends: the socket is readable at its end
             except (OSError, ValueError):
-                log.exception("the line to the supervisor cannot be watched")
+                log.exception("the socket to the supervisor cannot be watched")
                 return
-            log.warning("the supervisor is gone: the service ends")
-            then()
+            log.warning("the supervisor has ended, so the service ends")
+            callback()
 
         threading.Thread(target=watch, name="supervisor-watch", daemon=True).start()
 
-    def _say(self, words: str) -> None:
+    def _send(self, message: str) -> None:
         try:
-            self._line.sendall(words.encode())
+            self._socket.sendall(message.encode())
         except BlockingIOError:
-            log.debug("the supervisor does not read")
+            log.debug("the supervisor does not read its socket")
         except OSError:
-            log.debug("there is no supervisor any more")
+            log.debug("the supervisor has ended")

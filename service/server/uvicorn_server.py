@@ -1,4 +1,4 @@
-"""The server: uvicorn, and how it ends."""
+"""The uvicorn server and its shutdown: first the arm stops, then event streams, requests and the application end."""
 
 import asyncio
 import logging
@@ -18,124 +18,132 @@ from uvicorn.server import HANDLED_SIGNALS
 
 from service.api.dependencies import Context
 from service.server.connections import PROTOCOL, backlog
-from service.server.heartbeat import Supervised
+from service.server.heartbeat import SupervisorLink
 
 log = logging.getLogger(__name__)
 
 KEEP_ALIVE_S = 75
-"""How long an idle connection stays open: a client that asks every few seconds must not meet one that is just being
-closed, as with uvicorn's own 5 s."""
-ENDING_S = 3
-"""Requests under way may take so long to end ..."""
-CLIENTS_S = 2.5
-"""... and clients so long to send the rest of theirs, or to take the rest of an answer."""
-STREAMS_S = 1.5
-"""Event streams stay open behind a signal until they have told how the scan under way has ended, at most so long."""
-LAST_WORDS_S = 0.3
-"""Who has taken nothing for so long when the streams end is not waited for."""
+"""Time for which an idle connection stays open.
+
+With uvicorn's default of 5 s, a client that polls every few seconds could use a connection that is just being closed.
+"""
+GRACEFUL_SHUTDOWN_S = 3
+"""Timeout for running requests to end at the shutdown."""
+CLIENT_SHUTDOWN_S = 2.5
+"""Timeout at the shutdown for clients to send the rest of their requests and to receive the rest of their answers."""
+STREAM_SHUTDOWN_S = 1.5
+"""Maximum time for which event streams stay open after a signal, so that they report the end of the running scan."""
+STALLED_CHECK_S = 0.3
+"""A client that receives nothing for this time, when the event streams end, is disconnected."""
 STALLED_S = 30.0
-"""A client that takes nothing of what is sent, or whose machine is gone, is dropped after so long."""
+"""Time after which a client is disconnected that receives nothing of what is sent, or whose machine is gone."""
 
 
 class Server(uvicorn.Server):
-    """Ends the scan under way, the arm first, as soon as a signal comes: uvicorn itself waits for requests before."""
+    """Stops the arm and ends the running scan as soon as a signal arrives. uvicorn alone would wait for requests."""
 
-    def __init__(self, app: FastAPI, supervised: Supervised | None = None, **options: Any) -> None:
-        """`supervised`: the line to a supervisor, if there is one; `options`: more of uvicorn's."""
+    def __init__(self, app: FastAPI, supervisor: SupervisorLink | None = None, **options: Any) -> None:
+        """Create the server.
+
+        Args:
+            app: The application.
+            supervisor: Socket to the supervisor. None: there is no supervisor.
+            options: Further options of uvicorn.
+        """
         limits = {
-            "timeout_graceful_shutdown": ENDING_S,
+            "timeout_graceful_shutdown": GRACEFUL_SHUTDOWN_S,
             "timeout_keep_alive": KEEP_ALIVE_S,
             "backlog": backlog(),
         }
         super().__init__(uvicorn.Config(app, **limits, **(PROTOCOL | options)))
         self._app = app
-        self._supervised = supervised
-        self._beat: asyncio.Task[None] | None = None
-        self._winding_up = False
-        self._wound_up = threading.Event()
-        """The scan under way has ended, and its row is written."""
+        self._supervisor = supervisor
+        self._heartbeats: asyncio.Task[None] | None = None
+        self._draining = False
+        self._drained = threading.Event()
+        """Set when the running scan has ended and its row is written."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """The process ends by itself, with exit status 0: uvicorn would raise the signal again when all is done."""
+        """Handle signals so that the exit status is 0; uvicorn alone would raise the signal again at the end."""
         if threading.current_thread() is not threading.main_thread():
             yield
             return
         loop = asyncio.get_running_loop()
         for number in HANDLED_SIGNALS:
-            # Only so that the loop is woken also when the system hands the signal to another thread ...
+            # This handler only wakes the loop if the system delivers the signal to another thread.
             loop.add_signal_handler(number, lambda: None)
-            # ... for this one, which is called between any two lines, is called in the loop's thread only.
+            # This one handles it. Python calls it in the loop's thread only, between any two lines.
             signal.signal(number, self.handle_exit)
         try:
             yield
         finally:
             for number in HANDLED_SIGNALS:
                 loop.remove_signal_handler(number)
-                signal.signal(number, signal.SIG_IGN)  # it has nothing left to do but to end
+                signal.signal(number, signal.SIG_IGN)  # the process is about to end anyway
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Called in the event loop's thread, between any two lines: whatever waits is for another one.
+        """Request the shutdown. It runs in the event loop's thread between any two lines, so it must not block.
 
-        Not uvicorn's own: by that, a second Ctrl-C would leave out the end of the application.
+        It replaces uvicorn's own handler, in which a second Ctrl-C would skip the shutdown of the application.
         """
         self.should_exit = True
-        self._wind_up()
+        self._start_drain()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listens; connections have the listening socket's options."""
+        """Start to listen, and report the port to the supervisor. Connections inherit the options of their socket."""
         await super().startup(sockets)
         for listening in (one for server in self.servers for one in server.sockets):
             if hasattr(socket, "TCP_USER_TIMEOUT"):  # on Linux
                 listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(STALLED_S * 1000))
-        if self._supervised is not None and self.started:
-            self._supervised.listening(self.servers[0].sockets[0].getsockname()[1])
-            self._beat = asyncio.create_task(self._supervised.beat())  # as long as the loop turns
+        if self._supervisor is not None and self.started:
+            self._supervisor.report_listening(self.servers[0].sockets[0].getsockname()[1])
+            self._heartbeats = asyncio.create_task(self._supervisor.send_heartbeats())
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Ends event streams, which never would by themselves, then requests, then the application."""
-        if not self._winding_up:
-            self._wind_up()
+        """End the event streams, which never end by themselves, then the requests, then the application."""
+        if not self._draining:
+            self._start_drain()
         clients = asyncio.create_task(self._end_clients())
         await super().shutdown(sockets)
         clients.cancel()
 
-    def _wind_up(self) -> None:
+    def _start_drain(self) -> None:
         context: Context | None = getattr(self._app.state, "context", None)
         if context is None:
             return
-        self._winding_up = True
+        self._draining = True
 
-        def wind_up() -> None:
+        def drain() -> None:
             try:
-                context.jobs.wind_up()
-            except Exception:  # in a thread that nobody waits for; closing the application tries it again
-                log.exception("what is under way could not be ended")
+                context.jobs.drain()
+            except Exception:  # nothing waits for this thread; closing the application tries it again
+                log.exception("the running scan could not be ended; it is tried again when the application closes")
             finally:
-                self._wound_up.set()
+                self._drained.set()
 
-        threading.Thread(target=wind_up, name="winding-up", daemon=True).start()
+        threading.Thread(target=drain, name="shutdown-drain", daemon=True).start()
 
     async def _end_clients(self) -> None:
         context: Context | None = getattr(self._app.state, "context", None)
         begin, connections = time.monotonic(), self.server_state.connections
         if context is not None:
-            while not self._wound_up.is_set() and time.monotonic() < begin + STREAMS_S:
+            while not self._drained.is_set() and time.monotonic() < begin + STREAM_SHUTDOWN_S:
                 await asyncio.sleep(0.02)
             context.store.events.hub.close()
-        unsent = {connection: _unsent(connection) for connection in connections}
-        await asyncio.sleep(LAST_WORDS_S)
-        _abort(one for one in connections if 0 < unsent.get(one, 0) <= _unsent(one))
-        await asyncio.sleep(begin + CLIENTS_S - time.monotonic())
+        unsent = {connection: _unsent_bytes(connection) for connection in connections}
+        await asyncio.sleep(STALLED_CHECK_S)
+        _abort(one for one in connections if 0 < unsent.get(one, 0) <= _unsent_bytes(one))
+        await asyncio.sleep(begin + CLIENT_SHUTDOWN_S - time.monotonic())
         _abort(connections)
 
 
 def _abort(connections: Iterable[object]) -> None:
-    """To close them would be to wait until all is sent."""
+    """Abort the connections; closing one would wait until everything is sent."""
     for connection in list(connections):
         if isinstance(connection, H11Protocol):
             connection.transport.abort()
 
 
-def _unsent(connection: object) -> int:
+def _unsent_bytes(connection: object) -> int:
     return connection.transport.get_write_buffer_size() if isinstance(connection, H11Protocol) else 0

@@ -1,6 +1,6 @@
-"""Calibrations by the cell, and what scans tell of the one in use, as rows that survive a restart.
+"""The store of calibration runs, and of the hand-eye errors that live scans estimate.
 
-Pictures, corners and results lie in files beside them; a row tells of a file once it is in its place.
+Images, corners and results are files. A row refers to a file after the file is in place.
 """
 
 from collections.abc import Sequence
@@ -26,27 +26,27 @@ TABLE = "calibrations"
 
 
 class CalibrationStore:
-    """The rows. Safe to use from any thread."""
+    """Rows of calibrations and verifications. Safe to use from any thread."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
     def add(self, row: CalibrationRow) -> None:
-        """Writes a new row; on return it is on the disk."""
+        """Write a new row. On return it is on disk."""
         with self._database.transaction() as db:
             insert(db, TABLE, row)
 
     def get(self, calibration_id: str) -> CalibrationRow | None:
-        """The calibration, or None when there is none of this id."""
+        """Return the run with this id; None if there is none."""
         return self._database.one(to_calibration, f"SELECT * FROM {TABLE} WHERE id = ?", calibration_id)
 
     def newest(self, limit: int, before: str | None) -> list[CalibrationRow]:
-        """The newest, those made before the id `before` if given."""
+        """Return the newest runs, or the newest of those that are older than the id `before`."""
         sql = f"SELECT * FROM {TABLE} WHERE id < ? ORDER BY id DESC LIMIT ?"
         return self._database.all(to_calibration, sql, before or "~", limit)
 
     def last_verification(self, calibration_sha256: str) -> CalibrationRow | None:
-        """The newest that came to an end of the calibration in use of this hash."""
+        """Return the last verification of the calibration with this hash that succeeded; None if there is none."""
         sql = (
             f"SELECT * FROM {TABLE} WHERE kind = 'verification' AND state = 'succeeded' AND calibration_sha256 = ? "
             "ORDER BY id DESC LIMIT 1"
@@ -54,34 +54,34 @@ class CalibrationStore:
         return self._database.one(to_calibration, sql, calibration_sha256)
 
     def update(self, calibration_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
-        """Sets columns, unless the state is not one of `only_in`; says whether it did."""
+        """Set columns of a run if its state is one of `only_in`. Return whether they were set."""
         with self._database.transaction() as db:
             return update(db, TABLE, calibration_id, only_in, values)
 
     def end(self, calibration_id: str, state: ScanState, failure: Failure) -> None:
-        """Ends one that has no result. A view that was under way is missing."""
-        missed = (
+        """End a run without a result. A view that was being taken becomes missing."""
+        mark_missing = (
             "UPDATE calibration_views SET state = 'missing', reason = ?, changed_at = ? "
             "WHERE calibration = ? AND state = 'moving'"
         )
         with self._database.transaction() as db:
             values = {"state": state, "failure": failure, "ended_at": now()}
             if update(db, TABLE, calibration_id, ACTIVE_STATES, values):
-                db.execute(missed, ("the run ended before this view was taken", now(), calibration_id))
+                db.execute(mark_missing, ("the run ended before this view was taken", now(), calibration_id))
 
     def set_view(self, calibration_id: str, view: int, state: ViewState, reason: str | None = None) -> None:
-        """Writes what became of a view; on return it is on the disk."""
+        """Write the state of a view. On return it is on disk."""
         row = CalibrationViewRow(calibration_id, view, state, reason, None, None, now())
         with self._database.transaction() as db:
             db.execute("DELETE FROM calibration_views WHERE calibration = ? AND view = ?", (calibration_id, view))
             insert(db, "calibration_views", row)
 
     def set_seen(self, calibration_id: str, view: int, board: BoardObservation) -> None:
-        """Writes what was found in a view's picture."""
+        """Write which part of the board was detected in the image of a view."""
         self._update_view(calibration_id, view, asdict(board))
 
     def set_unseen(self, calibration_id: str, view: int, reason: str) -> None:
-        """Writes why nothing was found in a view's picture."""
+        """Write why the board was not detected in the image of a view."""
         self._update_view(calibration_id, view, {"corners": 0, "cells": [], "reason": reason})
 
     def _update_view(self, calibration_id: str, view: int, values: dict[str, Any]) -> None:
@@ -91,32 +91,32 @@ class CalibrationStore:
             db.execute(sql, (*map(stored, values.values()), now(), calibration_id, view))
 
     def views(self, calibration_ids: Sequence[str]) -> list[CalibrationViewRow]:
-        """The views of these, in order."""
+        """Return the views of these runs, in order."""
         marks = ", ".join("?" * len(calibration_ids))
         sql = f"SELECT * FROM calibration_views WHERE calibration IN ({marks}) ORDER BY calibration, view"
         return self._database.all(to_calibration_view, sql, *calibration_ids)
 
     def interrupt_unfinished(self) -> None:
-        """At start-up: those that were under way when the service ended become `interrupted`."""
+        """Mark runs that were active when the service ended as `interrupted`. Called when the service starts."""
         marks = ", ".join("?" * len(ACTIVE_STATES))
         sql = f"SELECT * FROM {TABLE} WHERE state IN ({marks}) ORDER BY id"
         for row in self._database.all(to_calibration, sql, *ACTIVE_STATES):
             detail = f"the service ended while this {row.kind} was under way; start another"
             self.end(row.id, "interrupted", Failure("interrupted", detail))
 
-    # What live scans tell of the calibration that they were made with
+    # Hand-eye errors that live scans estimate
 
     def add_scan_error(self, row: ScanErrorRow) -> None:
-        """Writes what a scan tells; its own row is there already."""
+        """Write the error that a scan estimates."""
         with self._database.transaction() as db:
             insert(db, "scan_errors", row)
 
     def first_scan_errors(self, calibration_sha256: str, limit: int) -> list[ScanErrorRow]:
-        """What the first scans by this calibration tell, in order."""
+        """Return the errors that the first scans with this calibration estimate, the oldest first."""
         sql = "SELECT * FROM scan_errors WHERE calibration_sha256 = ? ORDER BY scan LIMIT ?"
         return self._database.all(to_scan_error, sql, calibration_sha256, limit)
 
     def scan_errors(self, calibration_sha256: str, limit: int) -> list[ScanErrorRow]:
-        """What the last scans by this calibration tell, the oldest first."""
+        """Return the errors that the last scans with this calibration estimate, the oldest first."""
         sql = "SELECT * FROM scan_errors WHERE calibration_sha256 = ? ORDER BY scan DESC LIMIT ?"
         return self._database.all(to_scan_error, sql, calibration_sha256, limit)[::-1]

@@ -1,7 +1,7 @@
-"""The data folder: where each file lies, and that only one service uses it.
+"""The data folder: paths of its files, and the lock that admits one service.
 
 `pointchain.sqlite3`, `recordings/ID.mcap`, `scans/ID/{model.json, cloud.ply, preview.png}` and `incoming/`,
-where everything is written before it is renamed to its place.
+where each file is written before it is renamed to its final path.
 """
 
 import errno
@@ -21,27 +21,29 @@ ID = re.compile(ID_PATTERN.removeprefix("^").removesuffix("$"))
 
 
 class DataFolderError(ValueError):
-    """A data folder that cannot be used."""
+    """The data folder cannot be used."""
 
     slug = "data-folder"
 
 
 class OutsideError(DataFolderError):
-    """A name that leads out of the data folder."""
+    """A name leads out of the data folder."""
 
     slug = "outside-data-folder"
 
 
 class DataFolder:
-    """Paths under `root`. No name from outside ever becomes part of a path: ids must have the form of the store's own,
-    and what has their name must not lead elsewhere. The folders may: an administrator may have put them on another
-    disk."""
+    """Paths below `root`.
+
+    A name from a request never becomes a path unchecked: an id must have the form of the store's ids, and a file must
+    not be a symbolic link. The folders may be links, for example to another disk.
+    """
 
     def __init__(self, root: Path, keep_incoming: bool = False) -> None:
-        """Makes the folder if need be, locks it, and empties `incoming/` unless that is to be kept.
+        """Create the folder if needed, lock it, and empty `incoming/` unless `keep_incoming` is set.
 
         Raises:
-            DataFolderError: it cannot be made or written, or another service uses it.
+            DataFolderError: The folder cannot be created or written, or another service uses it.
         """
         self.root = root
         self.database = root / DATABASE
@@ -50,7 +52,7 @@ class DataFolder:
             for folder in (root, root / "recordings", root / "scans"):
                 folder.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(root / "lock")
-            # A worker of a killed service may still write there for a moment; nothing looks at it.
+            # A worker of a killed service may still write there for a moment. Its files are not used.
             if not keep_incoming:
                 shutil.rmtree(self._incoming, ignore_errors=True)
             self._incoming.mkdir(exist_ok=True)
@@ -60,31 +62,31 @@ class DataFolder:
             ) from error
 
     def close(self) -> None:
-        """Lets another service use the folder."""
+        """Release the lock of the folder."""
         self._lock.close()
 
     def recording(self, recording_id: str) -> Path:
-        """The file of a recording. Raises OutsideError."""
+        """Return the path of a recording. Raises OutsideError."""
         return _inside(self.root / "recordings", f"{_plain(recording_id)}.mcap")
 
     def results(self, scan_id: str) -> Path:
-        """The folder of a scan's results. Raises OutsideError."""
+        """Return the folder with the results of a scan. Raises OutsideError."""
         return _inside(self.root / "scans", _plain(scan_id))
 
     def incoming(self, name: str) -> Path:
-        """Where something is written before it goes to its place; on the same file system. Raises OutsideError."""
+        """Return a path for a file that is being written, on the same file system. Raises OutsideError."""
         return _inside(self._incoming, name)
 
 
 def _plain(row_id: str) -> str:
-    """The id, which cannot be more than one part of a path."""
+    """Return the id, which is a single part of a path."""
     if not ID.fullmatch(row_id):
         raise OutsideError(f"{row_id!r} is not an id of the store's")
     return row_id
 
 
 def _inside(folder: Path, name: str) -> Path:
-    """What is called `name` in `folder`."""
+    """Return the path of `name` in `folder`."""
     if name in ("", ".", "..") or "/" in name or os.sep in name or "\0" in name:
         raise OutsideError(f"{name!r} is not the name of a file in the data folder")
     path = folder / name
@@ -94,7 +96,7 @@ def _inside(folder: Path, name: str) -> Path:
 
 
 def _lock(path: Path) -> IO[bytes]:
-    """Two services in one folder would take each other's scans for interrupted ones."""
+    """Lock the folder: two services in it would mark each other's scans as interrupted."""
     file = path.open("ab")
     try:
         import fcntl

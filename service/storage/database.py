@@ -1,4 +1,4 @@
-"""The SQLite database: its connections, its tables, and what is asked of it."""
+"""The SQLite database: connections, transactions and ids."""
 
 import queue
 import secrets
@@ -17,94 +17,95 @@ from service.storage.rows import stored
 T = TypeVar("T")
 
 BUSY_S = 4.0
-"""How long a statement waits for another program that holds the database. With all else that a request may wait for,
-its answer comes within 5 s."""
+"""Timeout of a statement while another program holds the database. A request is answered within 5 s all the same."""
 
 
 class StoreVersionError(ValueError):
-    """A database of a later version of this software."""
+    """The database belongs to a later version of this software."""
 
     slug = "store-version"
 
 
-_MOMENT = "%Y%m%dt%H%M%S-%f"
-"""By which an id begins."""
-_OURS = f"{'[0-9]' * 8}t{'[0-9]' * 6}-{'[0-9]' * 6}-*"
-"""The same for GLOB."""
+_ID_TIME = "%Y%m%dt%H%M%S-%f"
+"""Format of the time with which an id begins."""
+_ID_GLOB = f"{'[0-9]' * 8}t{'[0-9]' * 6}-{'[0-9]' * 6}-*"
+"""Pattern of ids for GLOB."""
 
 
-class _Moments:
-    """The moments of ids, each later than all before, whatever the wall clock does."""
+class _IdClock:
+    """Times of ids, each later than all before, even if the wall clock is set back."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._last = datetime.min.replace(tzinfo=UTC)
 
     def next(self) -> datetime:
-        """The present one, or the next after the last where the clock was set back."""
+        """Return the present time, or the next after the last one if the clock was set back."""
         with self._lock:
-            self._last = max(wall_clock.present(), self._last + timedelta(microseconds=1))
+            self._last = max(wall_clock.utc_now(), self._last + timedelta(microseconds=1))
             return self._last
 
-    def go_on_behind(self, given_id: str) -> None:
-        """Later ones only: this id was given already."""
+    def advance_past(self, used_id: str) -> None:
+        """Return only times after that of an id that is in use."""
         try:
-            moment = datetime.strptime(given_id.rpartition("-")[0], _MOMENT).replace(tzinfo=UTC)
+            moment = datetime.strptime(used_id.rpartition("-")[0], _ID_TIME).replace(tzinfo=UTC)
         except ValueError:  # digits alone make no date
             return
         with self._lock:
             self._last = max(moment, self._last)
 
 
-_moments = _Moments()
+_id_clock = _IdClock()
 
 
 def new_id() -> str:
-    """An id that is a safe file name and sorts behind all that were made before, also by earlier services on the same
-    database. It is the moment of its making, unless the clock was set back since."""
-    return f"{_moments.next():{_MOMENT}}-{secrets.token_hex(4)}"
+    """Return a new id, which is a safe file name and sorts after all earlier ids of the same database.
+
+    It begins with the present time, unless the clock was set back.
+    """
+    return f"{_id_clock.next():{_ID_TIME}}-{secrets.token_hex(4)}"
 
 
 def now() -> str:
-    """The present moment, RFC 3339 in UTC."""
-    return wall_clock.stamp(wall_clock.present())
+    """Return the present time, RFC 3339 in UTC."""
+    return wall_clock.format_utc(wall_clock.utc_now())
 
 
 class Database:
     """One database file. Safe to use from any thread; every call may block."""
 
     def __init__(self, path: Path) -> None:
-        """Makes the tables, or brings those of an earlier version up to date.
+        """Create the tables, or migrate those of an earlier version.
 
         Raises:
-            StoreVersionError: they are of a later version.
+            StoreVersionError: The tables are of a later version.
         """
         self._path = path
         self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
         self.change = object()
-        """Another one after each change that was made: what was read behind it is as it was while it is the same."""
+        """Replaced after each change. Data that were read after taking this object are current while it is the same."""
         try:
             self._make_tables()
             for table in ("recordings", "scans", "calibrations"):
                 newest = f"SELECT id FROM {table} WHERE id GLOB ? ORDER BY id DESC LIMIT 1"
-                for given_id in self.all(lambda row: row["id"], newest, _OURS):
-                    _moments.go_on_behind(given_id)
+                for used_id in self.all(lambda row: row["id"], newest, _ID_GLOB):
+                    _id_clock.advance_past(used_id)
         except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
-        """Closes all connections; nothing may use the database any more."""
+        """Close all connections. The database must not be used any more."""
         while not self._free.empty():
             self._free.get().close()
 
     @contextmanager
     def connection(self) -> Iterator[sqlite3.Connection]:
-        """A connection for this thread, for as long as it lasts."""
+        """Provide a connection to the calling thread."""
         try:
             connection = self._free.get_nowait()
         except queue.Empty:
-            # Handed from thread to thread, but used by one at a time.
+            # Passed from thread to thread, but used by one at a time.
             connection = sqlite3.connect(self._path, BUSY_S, check_same_thread=False)
             connection.isolation_level = None
             connection.row_factory = sqlite3.Row
@@ -118,7 +119,7 @@ class Database:
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """The same as one change: on the disk when it is left in order, else not made."""
+        """Provide a connection with a transaction. It is on disk at the end, or rolled back after an error."""
         with self.connection() as db:
             db.execute("BEGIN IMMEDIATE")
             try:
@@ -132,7 +133,7 @@ class Database:
 
     @contextmanager
     def snapshot(self) -> Iterator[sqlite3.Connection]:
-        """A connection that reads the database as it is at one moment, whatever is written meanwhile."""
+        """Provide a connection that reads one consistent state, whatever is written meanwhile."""
         with self.connection() as db:
             db.execute("BEGIN")
             try:
@@ -142,12 +143,12 @@ class Database:
                     db.execute("ROLLBACK")
 
     def all(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> list[T]:
-        """What `make` makes of each row found."""
+        """Return all rows of a query, each converted by `make`."""
         with self.connection() as db:
             return [make(row) for row in db.execute(sql, values).fetchall()]
 
     def one(self, make: Callable[[sqlite3.Row], T], sql: str, *values: Any) -> T | None:
-        """What it makes of the first; None when there is none."""
+        """Return the first row of a query, converted by `make`; None if there is none."""
         rows = self.all(make, sql, *values)
         return rows[0] if rows else None
 
@@ -166,7 +167,7 @@ class Database:
 
 
 def _statements(script: str) -> Iterator[str]:
-    """One by one: sqlite3's own `executescript` would end the transaction. A trigger has semicolons inside."""
+    """Split a script: `executescript` would end the transaction. The body of a trigger contains semicolons."""
     statement = ""
     for line in script.splitlines(keepends=True):
         statement += line
@@ -176,7 +177,7 @@ def _statements(script: str) -> Iterator[str]:
 
 
 def update(db: sqlite3.Connection, table: str, row_id: str, only_in: Sequence[str], values: dict[str, Any]) -> bool:
-    """Sets columns of a row, unless its state is not one of `only_in`; says whether it did."""
+    """Set columns of a row if its state is one of `only_in`. Return whether they were set."""
     assignments = ", ".join(f"{name} = ?" for name in values)
     sql = f"UPDATE {table} SET {assignments} WHERE id = ? AND state IN ({', '.join('?' * len(only_in))})"
     return db.execute(sql, (*map(stored, values.values()), row_id, *only_in)).rowcount == 1

@@ -1,4 +1,4 @@
-"""Nothing is begun that the disk may not have room for; and nothing is removed to make room."""
+"""The check for free disk space before an operation begins."""
 
 import shutil
 from pathlib import Path
@@ -6,15 +6,20 @@ from pathlib import Path
 from service.errors import ServiceError
 
 
-def require_space(folder: Path, least_bytes: int, coming_bytes: int = 0) -> None:
-    """Lets pass what may begin: `least_bytes` are free, and stay free when `coming_bytes` have come.
+def require_space(folder: Path, min_free_bytes: int, incoming_bytes: int = 0) -> None:
+    """Check that enough space is free. Nothing is removed to make room.
+
+    Args:
+        folder: A folder on the disk.
+        min_free_bytes: Space that must stay free.
+        incoming_bytes: Space that the operation takes.
 
     Raises:
-        ServiceError: `storage-full`, with how much is free and how much is needed.
-        OSError: the folder cannot be looked at.
+        ServiceError: `storage-full`, with the free and the needed space.
+        OSError: The folder cannot be read.
     """
     free = shutil.disk_usage(folder).free
-    needed = least_bytes + coming_bytes
+    needed = min_free_bytes + incoming_bytes
     if free < needed:
         raise ServiceError(
             "storage-full",

@@ -1,7 +1,7 @@
-"""What happened to scans, as rows that are written in one transaction with what they tell of.
+"""The log of scan events. Each event is written in the same transaction as the change that it reports.
 
-Ids rise in the order of the commits, without gaps but for what was removed with its scan, and what is published comes
-in that order too.
+Ids rise in the order of the commits. Gaps occur only where events were removed with their scan. Events are published in
+the same order.
 """
 
 import json
@@ -20,82 +20,82 @@ from service.storage.rows import ScanRow, ViewRow, to_scan
 
 Kind = Literal["state", "progress", "view"]
 
-MOST_BEHIND = 1000
-"""Who has missed more events of all scans starts anew: those of one scan are fewer by far."""
+MAX_MISSED_EVENTS = 1000
+"""A client that missed more events of all scans gets the present state instead. One scan has far fewer events."""
 
 
 @dataclass(frozen=True)
 class ScanEvent:
-    """One change of a scan: what has changed, not the whole of it."""
+    """One change of a scan."""
 
     id: int
     scan: str
     at: str
     kind: Kind
     data: dict[str, Any]
-    """Of `state`: state, stage, fraction, failure, summary, as in the scan's row; of `progress`: stage, fraction; of
-    `view`: index, state, reason."""
+    """What changed. `state` has state, stage, fraction, failure and summary, as in the row of the scan; `progress` has
+    stage and fraction; `view` has index, state and reason."""
 
     @property
     def final(self) -> bool:
-        """The scan has ended; it has no later events."""
+        """The scan has ended and has no later events."""
         return self.kind == "state" and self.data["state"] not in ACTIVE_STATES
 
 
 class UnknownEventError(ValueError):
-    """No such event was ever told where it is asked for."""
+    """There never was such an event, or it belongs to another scan."""
 
 
 @dataclass(frozen=True)
-class Present:
-    """A scan at one moment."""
+class ScanSnapshot:
+    """A scan, its views and its newest event, at the same time."""
 
     scan: ScanRow
     views: list[ViewRow]
     newest: int
-    """Id of the last event that is in it; 0: there is none."""
+    """Id of the newest event; 0 if there is none."""
 
     @property
-    def over(self) -> bool:
+    def ended(self) -> bool:
         """The scan has ended."""
         return self.scan.state not in ACTIVE_STATES
 
 
 @dataclass(frozen=True)
-class Behind:
-    """What has happened since an event."""
+class MissedEvents:
+    """The events of a scan after a given one."""
 
     events: list[ScanEvent]
-    """The oldest first."""
-    over: bool
-    """The scan has ended, and these are the last."""
+    """Events, the oldest first."""
+    ended: bool
+    """The scan has ended and these are its last events."""
 
 
 class Change:
-    """One transaction that changes scans, and the events that belong to it."""
+    """One transaction that changes scans, with the events of these changes."""
 
     def __init__(self, db: sqlite3.Connection) -> None:
         self.db = db
         self.events: list[ScanEvent] = []
 
     def state(self, scan_id: str) -> None:
-        """Notes the state that the scan's row has by now, and all that comes with it."""
+        """Add an event with the state of the scan's row."""
         columns = "state, stage, fraction, failure, summary"
         row = dict(self.db.execute(f"SELECT {columns} FROM scans WHERE id = ?", (scan_id,)).fetchone())
         for name in ("failure", "summary"):
             row[name] = None if row[name] is None else json.loads(row[name])
-        self._note(scan_id, "state", row)
+        self._add(scan_id, "state", row)
 
     def progress(self, scan_id: str) -> None:
-        """Notes how far the scan's row says it has come."""
+        """Add an event with the progress of the scan's row."""
         row = self.db.execute("SELECT stage, fraction FROM scans WHERE id = ?", (scan_id,)).fetchone()
-        self._note(scan_id, "progress", dict(row))
+        self._add(scan_id, "progress", dict(row))
 
     def view(self, scan_id: str, index: int, state: str, reason: str | None) -> None:
-        """Notes what has become of a viewpoint."""
-        self._note(scan_id, "view", {"index": index, "state": state, "reason": reason})
+        """Add an event with the state of a view."""
+        self._add(scan_id, "view", {"index": index, "state": state, "reason": reason})
 
-    def _note(self, scan_id: str, kind: Kind, data: dict[str, Any]) -> None:
+    def _add(self, scan_id: str, kind: Kind, data: dict[str, Any]) -> None:
         at = now()
         sql = "INSERT INTO events (scan, at, kind, data) VALUES (?, ?, ?, ?)"
         event_id = self.db.execute(sql, (scan_id, at, kind, json.dumps(data, allow_nan=False))).lastrowid
@@ -104,19 +104,19 @@ class Change:
 
 
 class ScanEvents:
-    """The events of all scans, and the way to those who follow them. Safe to use from any thread."""
+    """The events of all scans, and the hub that sends them to followers. Safe to use from any thread."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
         self.hub: EventHub[ScanEvent | CellEvent] = EventHub()
-        """By scan; the cell's are for those who follow all."""
+        """Topics are ids of scans. Events of the cell go to those who follow all scans."""
         self._in_order = threading.Lock()
-        """Held from before the commit until its events are published. Only who has the database's write lock asks for
-        it, so nobody waits here while he waits for the database."""
+        """Held from before the commit until the events are published. It is acquired only with the write lock of the
+        database, so that it adds no wait for the database."""
 
     @contextmanager
-    def changing(self) -> Iterator[Change]:
-        """A transaction; once it is on the disk, those who follow are told of its events."""
+    def transaction(self) -> Iterator[Change]:
+        """Provide a transaction. Its events are published after it is on disk."""
         with ExitStack() as published:
             with self._database.transaction() as db:
                 published.enter_context(self._in_order)
@@ -125,59 +125,59 @@ class ScanEvents:
             for event in change.events:
                 self.hub.publish(event.scan, event)
 
-    def present(self, scan_id: str) -> Present | None:
-        """The scan and its newest event, of the same moment; None: there is no such scan."""
+    def snapshot(self, scan_id: str) -> ScanSnapshot | None:
+        """Return a scan and its newest event, read at the same time; None if there is no such scan."""
         with self._database.snapshot() as db:
             row = db.execute("SELECT * FROM scans WHERE id = ?", (scan_id,)).fetchone()
             if row is None:
                 return None
             views = db.execute("SELECT * FROM views WHERE scan = ? ORDER BY view", (scan_id,)).fetchall()
             (newest,) = db.execute("SELECT max(id) FROM events WHERE scan = ?", (scan_id,)).fetchone()
-            return Present(to_scan(row), [ViewRow(**dict(view)) for view in views], newest or 0)
+            return ScanSnapshot(to_scan(row), [ViewRow(**dict(view)) for view in views], newest or 0)
 
-    def behind(self, scan_id: str, last: int) -> Behind | None:
-        """What has happened to the scan since the event `last` of it; None: that was removed, nobody can tell.
+    def since(self, scan_id: str, last: int) -> MissedEvents | None:
+        """Return the events of a scan after its event `last`; None if that event was removed.
 
         Raises:
-            UnknownEventError: there never was such an event, or it is another scan's.
+            UnknownEventError: There never was such an event, or it belongs to another scan.
         """
         with self._database.snapshot() as db:
             if last > _newest(db):
                 raise UnknownEventError(f"there is no event {last} yet")
-            told = db.execute("SELECT scan FROM events WHERE id = ?", (last,)).fetchone()
-            if told is not None and told["scan"] != scan_id:
+            known = db.execute("SELECT scan FROM events WHERE id = ?", (last,)).fetchone()
+            if known is not None and known["scan"] != scan_id:
                 raise UnknownEventError(f"event {last} is not of this scan")
-            if told is None and last > 0:
+            if known is None and last > 0:
                 return None
             scan = db.execute("SELECT state FROM scans WHERE id = ?", (scan_id,)).fetchone()
             if scan is None:
                 return None
             rows = db.execute("SELECT * FROM events WHERE scan = ? AND id > ? ORDER BY id", (scan_id, last)).fetchall()
-        return Behind([_event(row) for row in rows], scan["state"] not in ACTIVE_STATES)
+        return MissedEvents([_event(row) for row in rows], scan["state"] not in ACTIVE_STATES)
 
-    def all_behind(self, last: int) -> list[ScanEvent] | None:
-        """What has happened to all scans since the event `last`; None: some are gone or it is too many, start anew.
+    def all_since(self, last: int) -> list[ScanEvent] | None:
+        """Return the events of all scans after the event `last`; None if some were removed or there are too many.
 
         Raises:
-            UnknownEventError: there never was such an event.
+            UnknownEventError: There never was such an event.
         """
         with self._database.snapshot() as db:
             newest = _newest(db)
             if last > newest:
                 raise UnknownEventError(f"there is no event {last} yet")
             sql = "SELECT * FROM events WHERE id > ? ORDER BY id LIMIT ?"
-            rows = db.execute(sql, (last, MOST_BEHIND)).fetchall()
-        # There is one for each number, unless it was removed.
+            rows = db.execute(sql, (last, MAX_MISSED_EVENTS)).fetchall()
+        # Each id has an event, unless it was removed.
         return [_event(row) for row in rows] if len(rows) == newest - last else None
 
     def newest(self) -> int:
-        """Id of the newest event of all; 0: there never was one."""
+        """Return the id of the newest event of all; 0 if there never was one."""
         with self._database.snapshot() as db:
             return _newest(db)
 
 
 def _newest(db: sqlite3.Connection) -> int:
-    """Also when it was removed since."""
+    """Return the id of the newest event, even if it was removed since."""
     row = db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'events'").fetchone()
     return 0 if row is None else row["seq"]
 

@@ -1,4 +1,4 @@
-"""A fault of the cell is remembered over a restart: nobody has looked at the cell just because the service ended."""
+"""The memory of a fault over a restart: it stays until a person acknowledges it, even if the service ended."""
 
 import logging
 import sqlite3
@@ -11,23 +11,25 @@ from service.storage.database import Database, now
 
 log = logging.getLogger(__name__)
 
-AGAIN_S = 0.5
-"""What the database did not take is written again after so long."""
+RETRY_S = 0.5
+"""Interval of retries when the database cannot be written."""
 
 Fault = tuple[str, str]
 """Slug and reason."""
 
 
 class FaultMemory:
-    """Writes down that there is a fault, and that it was acknowledged, in a thread of its own: whoever stops the arm
-    waits for no database."""
+    """Writes each fault and its acknowledgement, in its own thread: a stop must not wait for the database."""
 
-    def __init__(self, database: Database, cell: Cell, told: Callable[[str], None] | None = None) -> None:
-        """A fault that was not acknowledged before the service ended is the cell's again.
+    def __init__(self, database: Database, cell: Cell, on_fault: Callable[[str], None] | None = None) -> None:
+        """Restore a fault that was not acknowledged before the service ended.
 
-        `told` is called with the slug of each new one; it must not wait.
+        Args:
+            database: Database.
+            cell: Cell whose faults are kept.
+            on_fault: Called with the slug of each new fault. It must not block.
         """
-        self._database, self._told = database, told
+        self._database, self._on_fault = database, on_fault
         found = database.one(lambda row: (row["slug"], row["reason"]), "SELECT slug, reason FROM cell_fault")
         if found is not None:
             cell.restore_fault(*found)
@@ -37,32 +39,32 @@ class FaultMemory:
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="fault-memory", daemon=True)
         self._thread.start()
-        cell.on_status(self._see)
+        cell.on_status(self._on_status)
 
     def close(self) -> None:
-        """What is known is written, if the database takes it."""
+        """End the thread, and write the last state if the database can be written."""
         self._ending.set()
         self._changed.set()
         self._thread.join()
-        self._write()  # what has changed since its last look
+        self._write()  # a change that the thread did not see
 
-    def _see(self, status: CellStatus) -> None:
+    def _on_status(self, status: CellStatus) -> None:
         fault = (status.slug or "fault", status.reason or "") if status.state == "fault" else None
         if fault != self._wanted:
             self._wanted = fault
             self._changed.set()
-            if fault is not None and self._told is not None:
-                self._told(fault[0])
+            if fault is not None and self._on_fault is not None:
+                self._on_fault(fault[0])
 
     def _run(self) -> None:
         while not self._ending.is_set():
             self._changed.wait()
             self._changed.clear()
-            while not self._write() and not self._ending.wait(AGAIN_S):
+            while not self._write() and not self._ending.wait(RETRY_S):
                 pass
 
     def _write(self) -> bool:
-        """Whether the database has what is wanted."""
+        """Write the last state. Return whether the database has it."""
         wanted = self._wanted
         if wanted == self._written:
             return True
@@ -72,7 +74,7 @@ class FaultMemory:
                 if wanted is not None:
                     db.execute("INSERT INTO cell_fault (id, slug, reason, at) VALUES (1, ?, ?, ?)", (*wanted, now()))
         except sqlite3.Error:
-            log.exception("the cell's fault could not be written; it is tried again")
+            log.exception("the fault of the cell could not be written; the service tries again")
             return False
         self._written = wanted
         return True

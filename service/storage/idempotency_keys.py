@@ -1,8 +1,8 @@
-"""Idempotency keys: a request that is sent again, since its answer was lost, starts nothing a second time.
+"""Idempotency keys: a request that a client repeats, because the answer was lost, starts no second scan.
 
-A key belongs to the caller who sent it. It is written together with the scan that it was first used for, and goes with
-that scan; a request that is refused leaves none behind. It is known for a while only when it was first sent: the arm is
-not to move for a wish that is older than the last stop, however often and whoever sends it again.
+A key belongs to a caller. It is stored with the scan that it started and removed with it. A refused request stores no
+key; only the time of the first such request is remembered for a while, so that a repeated request that is older than
+the last stop does not move the arm.
 """
 
 import threading
@@ -15,69 +15,74 @@ from service.errors import ServiceError
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 
-WISH_S = 600.0
-"""So long it is known when a refused request was first sent; nobody sends one again by himself for longer."""
-MOST_WISHES = 10_000
-"""Of so many, the latest."""
+REQUEST_MEMORY_S = 600.0
+"""How long the time of a refused request is remembered. No client repeats a request for longer without a person."""
+MAX_REMEMBERED = 10_000
+"""Maximum number of refused requests that are remembered."""
 
 
 @dataclass(frozen=True)
 class Key:
-    """One request with a key."""
+    """A request with an idempotency key."""
 
     caller: str
     key: str
     body_sha256: str
-    """Of where it was sent to and what it asks for."""
+    """Hash of the path and the body."""
 
 
 class IdempotencyKeys:
-    """The keys of requests that are just being decided on, and those in the store. Safe to use from any thread."""
+    """The keys of pending requests, and those in the store. Safe to use from any thread."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._lock = threading.Lock()
-        """Never held while the database is asked."""
-        self._undecided: set[tuple[str, str]] = set()
-        self._wishes: OrderedDict[tuple[str, str], float] = OrderedDict()
-        """When each key that has started nothing was first sent, the latest at the end."""
+        """Never held during a database query."""
+        self._pending: set[tuple[str, str]] = set()
+        self._requests: OrderedDict[tuple[str, str], float] = OrderedDict()
+        """Time of the first request with each key that has started no scan, monotonic seconds, the latest last."""
 
     @contextmanager
-    def first_use(self, key: Key | None, arrived_s: float) -> Iterator[ScanRow | float]:
-        """The scan that the key was used for before; or, by `time.monotonic()`, since when it is asked for: then the
-        body is the first to use the key, and the only one. `arrived_s` is when this request came.
+    def first_use(self, key: Key | None, requested_at: float) -> Iterator[ScanRow | float]:
+        """Reserve a key, and yield the scan that it has started, or the time of the first request with it.
+
+        In the second case no other request can use the key within the context.
+
+        Args:
+            key: Key of the request; None if it has none.
+            requested_at: Time of this request, monotonic seconds.
 
         Raises:
             ServiceError: `idempotency-mismatch`, the key was used for another request; `idempotency-pending`, another
-                request with it is being decided on.
+                request with it is pending.
         """
         if key is None:
-            yield arrived_s
+            yield requested_at
             return
         name = (key.caller, key.key)
         with self._lock:
-            if name in self._undecided:
+            if name in self._pending:
                 raise ServiceError(
                     "idempotency-pending",
                     "the first request with this Idempotency-Key is still being decided on; send it again in a moment",
                     retry_after_s=1.0,
                 )
-            self._undecided.add(name)
-            asked_s = self._first_sent(name, arrived_s)
+            self._pending.add(name)
+            first_requested_at = self._first_request(name, requested_at)
         try:
             used = self._used_for(key)
-            yield asked_s if used is None else used
+            yield first_requested_at if used is None else used
         finally:
             with self._lock:
-                self._undecided.remove(name)
+                self._pending.remove(name)
 
-    def _first_sent(self, name: tuple[str, str], arrived_s: float) -> float:
-        while self._wishes and next(iter(self._wishes.values())) < arrived_s - WISH_S:
-            self._wishes.popitem(last=False)
-        asked_s = self._wishes.setdefault(name, arrived_s)
-        if len(self._wishes) > MOST_WISHES:
-            self._wishes.popitem(last=False)
-        return asked_s
+    def _first_request(self, name: tuple[str, str], requested_at: float) -> float:
+        while self._requests and next(iter(self._requests.values())) < requested_at - REQUEST_MEMORY_S:
+            self._requests.popitem(last=False)
+        first_requested_at = self._requests.setdefault(name, requested_at)
+        if len(self._requests) > MAX_REMEMBERED:
+            self._requests.popitem(last=False)
+        return first_requested_at
 
     def _used_for(self, key: Key) -> ScanRow | None:
         used = self._store.key(key.caller, key.key)

@@ -1,4 +1,4 @@
-"""The database's tables, and how those of earlier versions become them."""
+"""Tables of the database, and their migration from earlier versions."""
 
 MIGRATIONS = (
     """
@@ -105,5 +105,5 @@ UPDATE events SET data = json_remove(json_set(data, '$.failure', CASE
     WHERE kind = 'state' AND json_valid(data);
 """,
 )
-"""What makes the tables, and what later versions added: the database's user_version tells how many of these it has."""
+"""Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied."""
 VERSION = len(MIGRATIONS)

@@ -1,4 +1,4 @@
-"""Removing a scan or a recording from the store, with all that belongs to it alone."""
+"""Removal of a scan or a recording from the store, with everything that belongs only to it."""
 
 import shutil
 import sqlite3
@@ -11,47 +11,50 @@ from service.storage.store import Store
 
 
 @dataclass(frozen=True)
-class Old:
-    """What may be removed."""
+class Candidate:
+    """A scan or recording that may be removed."""
 
     kind: Literal["scan", "recording"]
     id: str
     at: str
-    """When the scan ended, or the recording was sent."""
+    """Time when the scan ended, or when the recording was uploaded."""
 
 
 _ENDED = f"kept = 0 AND ended_at IS NOT NULL AND state NOT IN ({', '.join('?' * len(ACTIVE_STATES))})"
 
 
-def oldest_first(store: Store, until: str) -> list[Old]:
-    """Scans that ended before the stamp `until` and need not be kept, and recordings of no scan that came before it."""
+def oldest_first(store: Store, until: str) -> list[Candidate]:
+    """Return scans that ended before `until` and need not be kept, and older recordings without a scan."""
     sql = (
         f"SELECT 'scan' AS kind, id, ended_at AS at FROM scans WHERE {_ENDED} AND ended_at < ? "
         "UNION ALL SELECT 'recording', id, created_at FROM recordings "
         "WHERE created_at < ? AND NOT EXISTS (SELECT 1 FROM scans WHERE scans.recording = recordings.id) "
         "ORDER BY at, id"
     )
-    return store.database.all(lambda row: Old(**dict(row)), sql, *ACTIVE_STATES, until, until)
+    return store.database.all(lambda row: Candidate(**dict(row)), sql, *ACTIVE_STATES, until, until)
 
 
-def remove(store: Store, old: Old) -> int | None:
-    """Removes it: the rows in one change, then the files. Bytes freed; None when it must not be removed any more.
+def remove(store: Store, candidate: Candidate) -> int | None:
+    """Remove the rows in one transaction, then the files.
 
-    A recording goes with the last scan of it. What a scan has told of its calibration stays. A crash between rows and
-    files leaves files that no row tells of.
+    A recording is removed with its last scan. The hand-eye errors that scans estimate stay. A crash between rows and
+    files leaves files without a row.
+
+    Returns:
+        Bytes freed; None if it must not be removed any more.
 
     Raises:
-        sqlite3.Error: nothing was removed.
-        OSError: a file could not be removed; no row tells of it any more.
+        sqlite3.Error: Nothing was removed.
+        OSError: A file could not be removed. It has no row any more.
     """
-    remove_rows = _remove_scan if old.kind == "scan" else _remove_recording
+    remove_rows = _remove_scan if candidate.kind == "scan" else _remove_recording
     with store.database.transaction() as db:
-        gone = remove_rows(store, db, old.id)
+        gone = remove_rows(store, db, candidate.id)
     return sum(map(_remove_file, gone)) if gone else None
 
 
 def tree_bytes(folder: Path) -> int:
-    """Bytes of all files in a folder, those in its folders too."""
+    """Return the size of all files in a folder and its subfolders, bytes."""
     return sum(part.stat().st_size for part in folder.rglob("*") if part.is_file())
 
 
@@ -66,7 +69,7 @@ def _remove_scan(store: Store, db: sqlite3.Connection, scan_id: str) -> list[Pat
     gone = [store.folder.results(scan_id)]
     if found["recording"] is not None:
         return gone + _remove_recording(store, db, found["recording"])
-    return [*gone, store.folder.recording(scan_id)]  # what a live scan left, but nobody could read
+    return [*gone, store.folder.recording(scan_id)]  # an unreadable file of a live scan
 
 
 def _remove_recording(store: Store, db: sqlite3.Connection, recording_id: str) -> list[Path]:
@@ -76,7 +79,7 @@ def _remove_recording(store: Store, db: sqlite3.Connection, recording_id: str) -
 
 
 def _remove_file(path: Path) -> int:
-    """Bytes that a file or folder had; 0 when there was none."""
+    """Remove a file or folder, and return its size in bytes; 0 if there was none."""
     if path.is_dir():
         size = tree_bytes(path)
         shutil.rmtree(path)

@@ -1,4 +1,4 @@
-"""The rows of the database's tables as values."""
+"""Rows of the database tables as values."""
 
 import json
 import sqlite3
@@ -24,7 +24,7 @@ class RecordingRow:
     table_z_m: float
     provenance: dict[str, str]
     name: str | None = None
-    """What it was called by who sent it."""
+    """File name at the upload; None if it was not given or a live scan made the recording."""
 
 
 @dataclass(frozen=True)
@@ -45,22 +45,22 @@ class ScanRow:
     summary: dict[str, Any] | None
     failure: Failure | None
     source: str | None = None
-    """The scan that it does again from its recording."""
+    """Id of the scan that this one reprocesses."""
     asked_by: str | None = None
-    """Name of the token that it was started with; None: nobody had to say who he is."""
+    """Name of the token of the requester; None if no token was needed."""
     kept: bool = False
-    """A person wants it kept for ever."""
+    """A person marked the scan to be kept."""
     calibration_sha256: str | None = None
-    """Of the hand-eye calibration that a live scan was accepted with."""
+    """Hash of the hand-eye calibration with which a live scan was planned."""
     inputs: dict[str, Any] | None = None
-    """What recognition was begun with."""
+    """Inputs of recognition, as JSON."""
     files: dict[str, Any] | None = None
-    """The result's files: name to SHA-256 and size."""
+    """SHA-256 and size of each file of the result, by name."""
 
 
 @dataclass(frozen=True)
 class ViewRow:
-    """A viewpoint of a live scan as last written."""
+    """A view of a live scan as last written."""
 
     scan: str
     view: int
@@ -68,16 +68,16 @@ class ViewRow:
     reason: str | None
     changed_at: str
     offset_bytes: int | None = None
-    """Where the view begins in its recording ..."""
+    """Offset of the view in its recording."""
     size_bytes: int | None = None
-    """... how many bytes it has there ..."""
+    """Size of the view in its recording."""
     sha256: str | None = None
-    """... and their hash."""
+    """Hash of these bytes."""
 
 
 @dataclass(frozen=True)
 class KeyRow:
-    """An idempotency key, and what it was used for."""
+    """An idempotency key, and the scan that it started."""
 
     caller: str
     idempotency_key: str
@@ -88,22 +88,22 @@ class KeyRow:
 
 @dataclass(frozen=True)
 class CalibrationRow:
-    """A calibration by the cell, or the verification of one, as last written."""
+    """A calibration run or a verification as last written."""
 
     id: str
     kind: Literal["calibration", "verification"]
     board: dict[str, Any] | None
-    """As `Board.to_json` has it; None: the one that the calibration in use was made with."""
+    """Board as `Board.to_json` writes it; None for the board of the active calibration."""
     poses: int
     warnings: list[str]
-    """What the plan of its poses lacks, in words."""
+    """Warnings of the plan."""
     calibration_sha256: str | None
-    """Of the calibration that a verification is of."""
+    """Hash of the calibration that is verified."""
     state: ScanState
     stage: str | None
     fraction: float
     coverage: float
-    """Share of the image in which corners were seen."""
+    """Fraction of the image in which corners were detected."""
     created_at: str
     started_at: str | None
     ended_at: str | None
@@ -122,19 +122,21 @@ class CalibrationViewRow:
     state: ViewState
     reason: str | None
     corners: int | None
-    """Found in its picture; None: not looked for yet."""
+    """Number of corners detected in its image; None if the image was not processed yet."""
     possible: int | None
     changed_at: str
     rms_px: float | None = None
-    """How far they are from where a board would have them."""
+    """RMS distance of the corners from the fitted board, pixels, each coordinate."""
     cells: list[int] | None = None
-    """Parts of the picture in which they are; None: not looked for yet."""
+    """Cells of the image that contain corners; None if the image was not processed yet."""
 
 
 @dataclass(frozen=True)
 class ScanErrorRow:
-    """What a live scan told of the error of the calibration that it was made with; the numbers are those of
-    `recognition.registration.hand_eye_error.HandEyeErrorEstimate`. It outlasts the scan."""
+    """The hand-eye error that a live scan estimates. It stays when the scan is removed.
+
+    The values are those of `recognition.registration.hand_eye_error.HandEyeErrorEstimate`.
+    """
 
     scan: str
     calibration_sha256: str
@@ -147,48 +149,48 @@ Row = RecordingRow | ScanRow | ViewRow | KeyRow | CalibrationRow | CalibrationVi
 
 
 def stored(value: Any) -> Any:
-    """A value as its column takes it."""
+    """Return a value as its column stores it."""
     if isinstance(value, Failure):
         value = vars(value)
     return json.dumps(value, allow_nan=False) if isinstance(value, dict | list | tuple) else value
 
 
 def insert(db: sqlite3.Connection, table: str, row: Row) -> None:
-    """Writes a new row."""
+    """Insert a row."""
     values = vars(row)
     sql = f"INSERT INTO {table} ({', '.join(values)}) VALUES ({', '.join('?' * len(values))})"
     db.execute(sql, [stored(value) for value in values.values()])
 
 
 def to_recording(row: sqlite3.Row) -> RecordingRow:
-    """A row of `recordings`."""
+    """Convert a row of `recordings`."""
     return RecordingRow(**_parsed(row, "missing", "provenance"))
 
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
-    """A row of `scans`."""
+    """Convert a row of `scans`."""
     values = _parsed(row, "summary", "failure", "inputs", "files")
     values["kept"] = bool(values["kept"])
     return ScanRow(**values)
 
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:
-    """A row of `calibrations`."""
+    """Convert a row of `calibrations`."""
     return CalibrationRow(**_parsed(row, "board", "warnings", "result", "verification", "failure"))
 
 
 def to_calibration_view(row: sqlite3.Row) -> CalibrationViewRow:
-    """A row of `calibration_views`."""
+    """Convert a row of `calibration_views`."""
     return CalibrationViewRow(**_parsed(row, "cells"))
 
 
 def to_scan_error(row: sqlite3.Row) -> ScanErrorRow:
-    """A row of `scan_errors`."""
+    """Convert a row of `scan_errors`."""
     return ScanErrorRow(**_parsed(row, "likeliest", "information", "vector"))
 
 
 def _parsed(row: sqlite3.Row, *documents: str) -> dict[str, Any]:
-    """The row's columns, those named from their JSON."""
+    """Return the columns of a row, with the named ones parsed from JSON."""
     values: dict[str, Any] = dict(row)
     parsed = {name: json.loads(values[name]) if values[name] else None for name in documents}
     failure: dict[str, Any] | None = parsed.get("failure")

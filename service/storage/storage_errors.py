@@ -7,14 +7,14 @@ from service.errors import Failure
 
 
 def is_full(error: BaseException) -> bool:
-    """No space is left, for the file or for the database."""
+    """Return whether the disk is full, for a file or for the database."""
     if isinstance(error, sqlite3.Error):
         return _code(error) == sqlite3.SQLITE_FULL
     return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def is_held(error: BaseException) -> bool:
-    """Another program holds the database."""
+    """Return whether another program holds the database."""
     return isinstance(error, sqlite3.Error) and _code(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
@@ -33,5 +33,5 @@ def storage_failure(error: BaseException, kept: str) -> Failure | None:
 
 
 def _code(error: sqlite3.Error) -> int:
-    """The primary one: the lower byte of those that tell more."""
+    """Return the primary result code, which is the lower byte of the extended one."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF

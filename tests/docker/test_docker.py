@@ -17,7 +17,7 @@ from cell.config.arm_config import URArm
 from service.config.loader import load_config
 from service.security.auth.allowed_hosts import AllowedHosts, is_loopback
 from service.security.auth.bind_policy import check_binding
-from service.server.supervisor import Patience
+from service.server.supervisor import SupervisorTimeouts
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"
@@ -116,7 +116,7 @@ def test_the_health_check_asks_the_address_that_answers_it(as_in_the_image: pyte
 
 def test_there_is_time_to_end_in_order() -> None:
     for service in OURS.values():
-        assert float(service["stop_grace_period"].removesuffix("s")) > Patience().end_s
+        assert float(service["stop_grace_period"].removesuffix("s")) > SupervisorTimeouts().shutdown_s
 
 
 def test_no_profile_starts_two_services_at_one_port() -> None:

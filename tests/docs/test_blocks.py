@@ -26,20 +26,21 @@ from tests.service.live_cell import LiveCell, live_cell
 
 ADDRESS = "http://127.0.0.1:8000"
 ELSEWHERE = {
-    "make demo": "tests/service/cli/test_main.py::test_demo_tells_the_truth_and_can_be_repeated",
+    "make demo": "tests/service/cli/test_main.py::test_demo_compares_with_the_truth_and_can_be_repeated",
     "make test": ".ci/run::make --keep-going lint test",
-    "make serve": "tests/service/cli/commands/test_serve.py::test_at_a_terminal_they_are_lines",
+    "make serve": "tests/service/cli/commands/test_serve.py::test_text_log_has_plain_start_lines",
     "make setup": "Makefile::setup:",
     "source .venv/bin/activate": ".ci/setup::venv",
-    "pointchain check": "tests/service/cli/commands/test_check.py::test_an_operator_reads_what_is_wrong_and_what_to_do",
-    "pointchain calibrate run": "tests/service/cli/calibrate/test_run.py::test_from_nothing_to_a_calibration_in_use",
+    "pointchain check": "tests/service/cli/commands/test_check.py::test_check_prints_what_is_wrong_and_what_to_do",
+    "pointchain calibrate run": "tests/service/cli/calibrate/test_run.py::test_a_new_cell_is_calibrated",
     "pointchain calibrate verify": "tests/service/cli/calibrate/test_run.py"
-    "::test_from_nothing_to_a_calibration_in_use_that_is_verified",
-    "pointchain calibrate solve": "tests/service/cli/calibrate/test_solve.py::test_a_folder_is_solved_and_solved_again",
-    "pointchain calibrate activate": "tests/service/cli/calibrate/test_solve.py::test_activation",
+    "::test_a_new_cell_is_calibrated_activated_and_verified",
+    "pointchain calibrate solve": "tests/service/cli/calibrate/test_solve.py::test_a_folder_can_be_solved_again",
+    "pointchain calibrate activate": "tests/service/cli/calibrate/test_solve.py"
+    "::test_activate_makes_a_result_the_active_calibration",
     "pointchain audit": "tests/service/security/audit/test_log.py::main([",
-    "pointchain bench": "tests/service/benchmark/test_command.py::test_people_get_tables",
-    "pointchain recognise recordings --cluster": "tests/service/batch/test_cluster.py::test_it_recognises_there",
+    "pointchain bench": "tests/service/benchmark/test_command.py::test_speed_is_printed_as_tables",
+    "pointchain recognise recordings --cluster": "tests/service/batch/test_cluster.py::test_the_cluster_recognises",
     "pointchain token remove": "tests/service/security/auth/test_tokens.py::",
     "docker compose": "tests/docker/test_docker.py::test_the_compose_file_is_as_specified",
     "docker run --rm -v pointchain_cell": "docker/compose.yaml::name: pointchain",

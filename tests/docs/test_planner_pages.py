@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 import service.client
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel
-from service.security.auth.roles import LEAST_ROLE
+from service.security.auth.roles import MIN_ROLE
 from tests.docs.pages import DOCS, blocks
 
 PLANNER = DOCS / "planner"
@@ -59,7 +59,7 @@ def test_each_call_is_in_the_table_with_its_role() -> None:
                 listed[f"{each} {path}"] = cells[1]
     expected = {
         re.sub(r"\{id\}", name_of(call), call).replace("{index}", "N"): "none" if role == "open" else role
-        for call, role in LEAST_ROLE.items()
+        for call, role in MIN_ROLE.items()
         if not call.startswith("HEAD") and not f"{call.partition(' ')[2]} ".startswith(UNLISTED)
     }
     assert listed == expected

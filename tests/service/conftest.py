@@ -19,7 +19,7 @@ from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from service.app import create_app
-from service.cli.commands.serve import SWITCH_S, Server
+from service.cli.commands.serve import SWITCH_INTERVAL_S, Server
 from service.config.loader import ServiceConfig
 from service.states import ACTIVE_STATES
 from tests.service.described_answers import check_declared, described_operation
@@ -75,7 +75,7 @@ def serve() -> Serve:
         server = Server(app, port=0, log_level="warning", log_config=None)
         thread = threading.Thread(target=server.run)
         switch_s = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_S)  # as `pointchain serve` does
+        sys.setswitchinterval(SWITCH_INTERVAL_S)  # as `pointchain serve` does
         thread.start()
         try:
             wait_until(lambda: server.started or not thread.is_alive())

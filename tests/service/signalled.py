@@ -1,4 +1,4 @@
-"""A command line that moves the arm is told to end by a signal; what its controller saw of it."""
+"""Interrupt a command that moves the arm, and check that its controller stopped the arm."""
 
 import signal
 import subprocess
@@ -8,26 +8,26 @@ from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.arm.virtual_arm import motion_commands, stops
 
 
-def told_to_end(
+def interrupt(
     running: subprocess.Popen[str], host: str, number: signal.Signals, timeout_s: float
 ) -> tuple[str, str, list[dict[str, Any]]]:
-    """Sends the signal; stdout and stderr of what ends by it, and the controller's events from then on."""
+    """Send the signal, wait for the end, and return stdout, stderr and the later events of the controller."""
     controller = AdminClient(host)
     begin = controller.state().events
     running.send_signal(number)
-    seen: list[dict[str, Any]] = []
-    try:  # until the controller is let go
+    events: list[dict[str, Any]] = []
+    try:  # ends when the command closes the controller
         while running.poll() is None:
-            seen = controller.log(begin)
+            events = controller.log(begin)
     except OSError:
         pass
     controller.close()
-    out, said = running.communicate(timeout=timeout_s)
-    return out, said, seen
+    out, err = running.communicate(timeout=timeout_s)
+    return out, err, events
 
 
-def assert_stopped(seen: list[dict[str, Any]]) -> None:
-    """The arm was stopped, and nothing set it in motion again."""
-    arrived = stops(seen)
-    assert arrived, f"the arm was not stopped: {seen}"
-    assert not [event for event in motion_commands(seen) if event["stamp_s"] > arrived[0]]
+def assert_stopped(events: list[dict[str, Any]]) -> None:
+    """Check that the arm was stopped and did not move again."""
+    stop_times_s = stops(events)
+    assert stop_times_s, f"the arm was not stopped: {events}"
+    assert not [event for event in motion_commands(events) if event["stamp_s"] > stop_times_s[0]]

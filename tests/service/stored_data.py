@@ -1,4 +1,4 @@
-"""A data folder with something of everything in it, and how to look at it, for tests that damage it."""
+"""A data folder with one of each kind of data, and helpers that check and repair it, for tests that damage it."""
 
 import dataclasses
 import hashlib
@@ -9,9 +9,9 @@ from pathlib import Path
 
 from calibration.atomic_write import write_synced
 from cell.recording.writer import RecordingWriter, read_recording
-from service.integrity.check import Examined, examine
+from service.integrity.check import CheckTarget, check_store
 from service.integrity.repair import repair
-from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.processing.recording_metadata import describe_recording
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
@@ -29,23 +29,23 @@ class Data:
     views: tuple[ViewRow, ...]
 
     @property
-    def store(self) -> Examined:
-        return examined(self.root)
+    def store(self) -> CheckTarget:
+        return check_target_of(self.root)
 
     def recording(self, recording_id: str) -> Path:
         return self.root / "recordings" / f"{recording_id}.mcap"
 
     def codes(self, **how: bool) -> set[str]:
-        """What is found."""
-        return {finding.code for finding in examine(dataclasses.replace(self.store, **how)).findings}
+        """Return the codes of all findings."""
+        return {finding.code for finding in check_store(dataclasses.replace(self.store, **how)).findings}
 
-    def mend(self) -> list[str]:
-        """Repairs; the words, once nothing is left."""
-        told: list[str] = []
-        left = repair(self.store, told.append)
-        assert left.findings == (), left.findings
+    def repair(self) -> list[str]:
+        """Repair everything, check that no finding remains, and return the messages."""
+        messages: list[str] = []
+        report = repair(self.store, messages.append)
+        assert report.findings == (), report.findings
         assert self.codes() == set()
-        return told
+        return messages
 
     def row(self, sql: str, *values: object) -> tuple[object, ...]:
         with closing(sqlite3.connect(self.root / "pointchain.sqlite3")) as db:
@@ -56,18 +56,18 @@ class Data:
             db.execute(sql, values)
 
     def lost(self, name: str) -> Path:
-        """What was put aside under this name."""
+        """Return the path in lost+found of the file or folder with this name."""
         (found,) = self.root.glob(f"lost+found/*/{name}")
         return found
 
 
-def examined(root: Path) -> Examined:
-    """A data folder, its calibrations where they are unless configured, on a disk with space enough."""
-    return Examined(root, root / "calibration" / "runs", 0)
+def check_target_of(root: Path) -> CheckTarget:
+    """Return a target for the check, with the default folder of calibrations and no need for free space."""
+    return CheckTarget(root, root / "calibration" / "runs", 0)
 
 
 def make_data(root: Path, recording_file: Path) -> Data:
-    """All of it, in the new folder `root`."""
+    """Make a data folder with all kinds of data in the new folder `root`."""
     folder = DataFolder(root)
     store = Store(folder)
     source = read_recording(recording_file)
@@ -75,9 +75,9 @@ def make_data(root: Path, recording_file: Path) -> Data:
     with RecordingWriter(folder.recording(LIVE), source.header) as writer:
         for view in source.views:
             writer.write_view(view)
-            piece = writer.written(view.index)
-            place = (piece.offset_bytes, piece.size_bytes, piece.sha256)
-            views.append(ViewRow(LIVE, view.index, "recorded", None, "2026-01-01T00:00:00Z", *place))
+            written = writer.written(view.index)
+            values = (written.offset_bytes, written.size_bytes, written.sha256)
+            views.append(ViewRow(LIVE, view.index, "recorded", None, "2026-01-01T00:00:00Z", *values))
     live = dataclasses.replace(new_scan("live", "graph", None, NOBODY), id=LIVE, state="failed")
     store.add_scan(live)
     with store.database.transaction() as db:

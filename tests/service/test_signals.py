@@ -1,4 +1,4 @@
-"""Signals while a command moves the arm, whichever thread the system hands them to."""
+"""Signals while a command moves the arm, whichever thread the system delivers them to."""
 
 import signal
 import threading
@@ -7,88 +7,88 @@ from collections.abc import Callable
 
 import pytest
 
-from service.signals import with_signals
+from service.signals import run_with_signal_handler
 
-LONG_S = 20.0
-"""A signal that is not met by then is not met at all."""
-
-
-def test_without_a_signal_the_result_is_handed_out() -> None:
-    assert with_signals(lambda: 42, lambda: None) == 42
+TIMEOUT_S = 20.0
+"""A signal that is not handled within this time counts as lost."""
 
 
-def test_an_error_of_the_work_comes_through() -> None:
+def test_without_a_signal_the_result_is_returned() -> None:
+    assert run_with_signal_handler(lambda: 42, lambda: None) == 42
+
+
+def test_an_error_of_the_work_is_raised() -> None:
     with pytest.raises(ZeroDivisionError):
-        with_signals(lambda: 1 // 0, lambda: None)
+        run_with_signal_handler(lambda: 1 // 0, lambda: None)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("thread", [threading.main_thread, threading.current_thread])
-def test_a_signal_is_met_whichever_thread_it_is_handed_to(
+def test_a_signal_is_handled_whichever_thread_receives_it(
     number: signal.Signals, thread: Callable[[], threading.Thread]
 ) -> None:
-    met = threading.Event()
+    handled = threading.Event()
 
     def work() -> bool:
         ident = thread().ident
         assert ident is not None
         time.sleep(0.2)  # until the main thread waits
         signal.pthread_kill(ident, number)
-        return met.wait(LONG_S)
+        return handled.wait(TIMEOUT_S)
 
-    assert with_signals(work, met.set)
+    assert run_with_signal_handler(work, handled.set)
 
 
-def test_what_is_done_at_a_signal_is_done_once_and_in_the_main_thread() -> None:
-    done: list[threading.Thread] = []
-    ended = threading.Event()
+def test_the_handler_runs_once_and_in_the_main_thread() -> None:
+    threads: list[threading.Thread] = []
+    handled = threading.Event()
 
     def work() -> bool:
         for _ in range(3):
             signal.raise_signal(signal.SIGTERM)
-        return ended.wait(LONG_S)
+        return handled.wait(TIMEOUT_S)
 
-    def at_signal() -> None:
-        done.append(threading.current_thread())
-        ended.set()
+    def on_signal() -> None:
+        threads.append(threading.current_thread())
+        handled.set()
 
-    assert with_signals(work, at_signal)
-    assert done == [threading.main_thread()]
+    assert run_with_signal_handler(work, on_signal)
+    assert threads == [threading.main_thread()]
 
 
-def test_signals_that_the_parent_blocked_are_met_all_the_same() -> None:
+def test_signals_that_the_parent_blocked_are_handled() -> None:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM])
-    met = threading.Event()
+    handled = threading.Event()
 
     def work() -> bool:
         main = threading.main_thread().ident
         assert main is not None
         signal.pthread_kill(main, signal.SIGTERM)
-        return met.wait(LONG_S)
+        return handled.wait(TIMEOUT_S)
 
     try:
-        assert with_signals(work, met.set)
+        assert run_with_signal_handler(work, handled.set)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def test_what_failed_at_one_signal_is_tried_again_at_the_next(caplog: pytest.LogCaptureFixture) -> None:
-    tried: list[bool] = []
-    met = threading.Event()
+def test_a_handler_that_failed_runs_again_at_the_next_signal(caplog: pytest.LogCaptureFixture) -> None:
+    calls: list[bool] = []
+    handled = threading.Event()
 
-    def at_signal() -> None:
-        tried.append(True)
-        if len(tried) == 1:
+    def on_signal() -> None:
+        calls.append(True)
+        if len(calls) == 1:
             raise OSError("no way to the arm")
-        met.set()
+        handled.set()
 
     def work() -> bool:
         signal.raise_signal(signal.SIGTERM)
-        while not tried:
+        while not calls:
             time.sleep(0.01)
         signal.raise_signal(signal.SIGTERM)
-        return met.wait(LONG_S)
+        return handled.wait(TIMEOUT_S)
 
-    assert with_signals(work, at_signal)
-    assert len(tried) == 2
+    assert run_with_signal_handler(work, on_signal)
+    assert len(calls) == 2
     assert "no way to the arm" in caplog.text

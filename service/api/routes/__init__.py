@@ -1,1 +1,1 @@
-"""HTTP routes, one file for each resource."""
+"""The HTTP routes, one module for each resource."""

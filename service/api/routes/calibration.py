@@ -1,4 +1,4 @@
-"""Hand-eye calibration: the one in use, calibrations and verifications by the cell."""
+"""Routes of hand-eye calibration: the calibration in use, and calibrations and verifications by the cell."""
 
 from typing import Annotated, Any
 
@@ -8,17 +8,17 @@ from fastapi.responses import FileResponse
 
 from calibration.target.board import BoardError
 from cell.errors import CellError
-from service.api.dependencies import SPACE, Before, Id, Limit, Service
+from service.api.dependencies import REQUIRE_SPACE, Before, Id, Limit, Service
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, send_file
 from service.api.openapi import links
 from service.api.problem_responses import CELL, problem_responses
 from service.api.routes.recordings import BINARY
 from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
-from service.api.schemas.calibration_resources import calibration_warnings, in_use, run_resource
+from service.api.schemas.calibration_resources import calibration_in_use, calibration_warnings, run_resource
 from service.jobs.calibration_activation import activate_run
 from service.jobs.calibration_job import picture_file, run_folder
-from service.logs.request_time import arrived_s
+from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
 from service.storage.rows import CalibrationRow
 
@@ -33,10 +33,10 @@ def _find(id: Id, service: Service) -> CalibrationRow:  # noqa: A002 (the path's
 
 
 Run = Annotated[CalibrationRow, Depends(_find)]
-"""The run that the address names, or a problem 404."""
+"""The run that the path names, or a problem with status 404."""
 Index = Annotated[int, Path(ge=0, le=999)]
 _SUBMIT = (*CELL, "not-ready", "storage-full", "viewpoints-unreachable")
-"""Problems of an operation that starts a run."""
+"""Problem types of an operation that starts a run."""
 _ACTIVATE = (
     "calibration", "calibration-invalid", "calibration-mismatch", "calibration-missing", "calibration-not-found",
     "calibration-of-the-future", "calibration-refused", "calibration-stale", "calibration-unreadable",
@@ -47,13 +47,16 @@ STARTED = {202: links("get_run", "cancel_run", "activate", "get_picture")}
 
 @router.get("", responses=problem_responses())
 def get_calibration(service: Service) -> CalibrationStatus:
-    """The calibration in use: how sure it is, how old, and what recent scans tell of it. Asks no device anything."""
+    """Return the calibration in use: its uncertainty, its age, and the drift that recent scans show.
+
+    No device is contacted.
+    """
     running = service.jobs.calibration
     calibration, reason, hand_eye, drift = None, None, None, None
     try:
         hand_eye = service.cell.hand_eye()
         drift = service.jobs.drift.drift(hand_eye)
-        calibration = in_use(hand_eye, drift)
+        calibration = calibration_in_use(hand_eye, drift)
     except CellError as error:
         reason = str(error)
     return CalibrationStatus(
@@ -67,35 +70,40 @@ def get_calibration(service: Service) -> CalibrationStatus:
 @router.post(
     "/runs",
     status_code=202,
-    dependencies=[SPACE],
+    dependencies=[REQUIRE_SPACE],
     responses=STARTED | problem_responses(*_SUBMIT, "calibration-board", "invalid-request"),
 )
 def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
-    """Calibrates: the arm moves through poses from which the camera sees the board, which must lie flat on the table in
-    the middle of the workspace. The result is not in use before it is activated. One thing at a time: 409 names what is
-    under way."""
+    """Start a calibration. The arm moves through poses from which the camera sees the board.
+
+    The board must lie flat on the table in the middle of the workspace. The result is not used until it is activated.
+    Only one job runs at a time: 409 names the running one.
+    """
     wanted = wanted or CalibrationRequest()
     try:
         board = (wanted.board or BoardRequest()).board()
     except BoardError as error:
         raise ProblemError(error.slug, str(error)) from error
-    row = service.jobs.submit.calibration(board, wanted.poses, arrived_s())
+    row = service.jobs.submit.calibration(board, wanted.poses, arrival_time())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
 
-@router.post("/verify", status_code=202, dependencies=[SPACE], responses=STARTED | problem_responses(*_SUBMIT))
+@router.post("/verify", status_code=202, dependencies=[REQUIRE_SPACE], responses=STARTED | problem_responses(*_SUBMIT))
 def start_verification(response: Response, service: Service) -> RunResource:
-    """Looks from two poses at the board of the calibration in use, which must lie on the table: does it still hold, and
-    was the board moved? A run of its own; the arm moves."""
-    row = service.jobs.submit.verification(arrived_s())
+    """Start a verification of the calibration in use. The arm moves to two poses and observes the board.
+
+    The board of that calibration must lie on the table. The result says whether the calibration is still valid, and
+    whether the board was moved. A verification is a run of its own.
+    """
+    row = service.jobs.submit.verification(arrival_time())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
 
 @router.get("/runs", responses=problem_responses("invalid-request"))
 def list_runs(service: Service, limit: Limit = 100, before: Before = None) -> RunList:
-    """Calibrations and verifications, the newest first."""
+    """Return the calibrations and verifications, the newest first."""
     rows = service.store.calibrations.newest(limit, before)
     views = service.store.calibrations.views([row.id for row in rows])
     return RunList(runs=[run_resource(row, [view for view in views if view.calibration == row.id]) for row in rows])
@@ -103,7 +111,7 @@ def list_runs(service: Service, limit: Limit = 100, before: Before = None) -> Ru
 
 @router.get("/runs/{id}", responses=problem_responses("calibration-not-found", "invalid-request"))
 def get_run(run: Run, service: Service) -> RunResource:
-    """State, progress and result of a run."""
+    """Return the state, progress and result of a run."""
     return run_resource(run, service.store.calibrations.views([run.id]))
 
 
@@ -112,7 +120,10 @@ def get_run(run: Run, service: Service) -> RunResource:
     responses=problem_responses("calibration-not-found", "not-cancellable", "invalid-request"),
 )
 async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (the path's own name)
-    """Stops a run, the arm first. It may have ended just before: the answer says in which state it is."""
+    """Cancel a run. The arm is stopped first.
+
+    The run may have ended just before; the answer has its state.
+    """
 
     def cancel() -> RunResource:
         service.jobs.cancel(id, lambda: _find(id, service))
@@ -123,9 +134,11 @@ async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (th
 
 @router.post("/runs/{id}/activate", responses=problem_responses(*_ACTIVATE))
 def activate(run: Run, service: Service) -> RunResource:
-    """Makes the result the calibration in use, from the next scan on; the former one is kept beside it. Not while
-    anything is under way."""
-    with service.jobs.nothing_else():
+    """Make the result the calibration in use, from the next scan on.
+
+    The previous calibration is kept beside it. A result cannot be activated while a job is running.
+    """
+    with service.jobs.exclusive():
         activate_run(run, service.store.calibrations, service.cell)
     return get_run(_find(run.id, service), service)
 
@@ -138,9 +151,9 @@ PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
     response_class=FileResponse,
     responses=PNG | problem_responses("calibration-not-found", "no-result", "invalid-request"),
 )
-def get_picture(run: Run, index: Index, service: Service, has: IfNoneMatch) -> Response:
-    """The picture that was taken at a view."""
+def get_picture(run: Run, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:
+    """Return the image that was captured at a view."""
     path = picture_file(run_folder(service.cell, run.id), index)
     if path is None:
-        raise ProblemError("no-result", f"{run.kind} {run.id} has no picture of view {index}")
-    return send_file(path, "image/png", has)
+        raise ProblemError("no-result", f"{run.kind} {run.id} has no image of view {index}")
+    return send_file(path, "image/png", if_none_match)

@@ -1,4 +1,4 @@
-"""The operator's console: its page, and the files that the page names."""
+"""Routes of the operator's console: its page and its files."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ from service.problems.problem_error import ProblemError
 BUILT = Path(__file__).parents[2] / "console/built"
 router = APIRouter(include_in_schema=False)
 
-# Where nothing is built, the service runs all the same.
+# not checked at start, because the service also runs without a built console
 FILES = StaticFiles(directory=BUILT, check_dir=False)
 
 
 @router.api_route("/", methods=["GET", "HEAD"])
 async def console_page(request: Request) -> Response:
-    """What an operator opens."""
+    """Return the page of the console."""
     try:
         return await FILES.get_response("index.html", request.scope)
     except HTTPException as error:
-        hint = "run `make setup`, or install a wheel, which has it; /docs describes the calls"
+        hint = "run `make setup`, or install a wheel, which contains it; /docs describes the API"
         raise ProblemError("console-not-built", f"the console is not built: {hint}") from error

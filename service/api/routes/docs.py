@@ -1,5 +1,7 @@
-"""The API's description, and its page: Swagger UI from local files. No script is inside the page: its content policy
-forbids that."""
+"""Routes of the OpenAPI document and of its page, Swagger UI from local files.
+
+The page has no inline script, because its content security policy forbids that.
+"""
 
 import json
 import threading
@@ -29,7 +31,7 @@ PAGE = f"""<!DOCTYPE html>
 </body>
 </html>
 """
-# Over plain HTTP, away from loopback, browsers send no Sec-Fetch-Site: the header says that no other page is calling.
+# browsers send no Sec-Fetch-Site over plain HTTP away from loopback; the header shows that no other page is calling
 SCRIPT = """SwaggerUIBundle({
   url: "DESCRIPTION",
   dom_id: "#swagger-ui",
@@ -46,30 +48,32 @@ SCRIPT = """SwaggerUIBundle({
 });
 """.replace("DESCRIPTION", DESCRIPTION)
 
-_MAKING = threading.Lock()
-"""Of the description, which is only whole when it is done."""
+_GENERATING = threading.Lock()
+"""Lock for generating the OpenAPI document, which is incomplete until it is done."""
 router = APIRouter(include_in_schema=False)
 
 
 @router.get(DOCS)
 async def page() -> HTMLResponse:
-    """What can be asked of the service, to read and to try out."""
+    """Return the page on which a person can read and try out the API."""
     return HTMLResponse(PAGE)
 
 
 @router.get(START)
 async def start() -> Response:
-    """What the page begins with."""
+    """Return the script that starts the page."""
     return Response(SCRIPT, media_type="text/javascript")
 
 
 @router.api_route(DESCRIPTION, methods=["GET", "HEAD"])
 async def description(request: Request, service: Service) -> Response:
-    """What can be asked of the service, for programs. Made by a thread when it is first asked for: it takes most of a
-    second, for which no stop shall wait."""
+    """Return the OpenAPI document.
 
-    def make() -> Response:
-        with _MAKING:
+    A thread generates it at the first request, because that takes most of a second, and no stop must wait for it.
+    """
+
+    def generate() -> Response:
+        with _GENERATING:
             return Response(json.dumps(request.app.openapi()), media_type="application/json")
 
-    return await service.reading.answer(DESCRIPTION, make)
+    return await service.response_cache.respond(DESCRIPTION, generate)

@@ -1,4 +1,4 @@
-"""Changes as they happen: of one scan, or of everything."""
+"""Routes of event streams: of one scan, or of all scans and the cell."""
 
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
@@ -11,69 +11,80 @@ from fastapi.responses import Response
 
 from service.api.dependencies import Context, Scan, Service
 from service.api.problem_responses import problem_responses
-from service.api.server_sent_events import EventStream, News, Whole, all_stream, scan_stream
+from service.api.server_sent_events import EventStream, EventSubscriber, SnapshotKind, all_stream, scan_stream
 from service.events.cell_events import cell_event
 from service.problems.problem_error import ProblemError
 from service.security.auth.caller import known_caller, still_allowed
-from service.storage.event_log import Behind, Present, ScanEvent, ScanEvents, UnknownEventError
+from service.storage.event_log import MissedEvents, ScanEvent, ScanEvents, ScanSnapshot, UnknownEventError
 
 router = APIRouter(prefix="/api", tags=["events"])
 
 LastEventId = Annotated[
     int | None,
-    Header(alias="Last-Event-ID", ge=0, lt=2**63, description="Id of the last event seen: go on behind it"),
+    Header(
+        alias="Last-Event-ID",
+        ge=0,
+        lt=2**63,
+        description="Id of the last event that the client has received; the stream continues after it",
+    ),
 ]
 
 
 @dataclass(frozen=True)
-class OfScan:
-    """A stream that is about to begin."""
+class ScanStreamStart:
+    """Start of a scan's event stream; the arguments of `scan_stream`."""
 
     scan: str
-    news: News
-    begin: Present | Behind
-    whole: Whole
-    seen: int
+    subscriber: EventSubscriber
+    begin: ScanSnapshot | MissedEvents
+    snapshot_kind: SnapshotKind
+    last_id: int
 
 
 @dataclass(frozen=True)
-class OfAll:
-    """The same of everything."""
+class AllStreamStart:
+    """Start of the event stream of all scans and the cell; the arguments of `all_stream`."""
 
-    news: News
-    behind: list[ScanEvent]
-    whole: Whole
-    seen: int
-
-
-async def _of_scan(request: Request, scan: Scan, service: Service, last: LastEventId = None) -> AsyncIterator[OfScan]:
-    with _following(request, service, scan.id) as news:
-        yield OfScan(scan.id, news, *await to_thread.run_sync(_begin_scan, service.store.events, scan.id, last))
+    subscriber: EventSubscriber
+    missed: list[ScanEvent]
+    snapshot_kind: SnapshotKind
+    last_id: int
 
 
-async def _of_all(request: Request, service: Service, last: LastEventId = None) -> AsyncIterator[OfAll]:
-    with _following(request, service, None) as news:
-        yield OfAll(news, *await to_thread.run_sync(_begin_all, service.store.events, last))
+async def _start_scan_stream(
+    request: Request, scan: Scan, service: Service, last: LastEventId = None
+) -> AsyncIterator[ScanStreamStart]:
+    with _subscribe(request, service, scan.id) as subscriber:
+        yield ScanStreamStart(
+            scan.id, subscriber, *await to_thread.run_sync(_begin_scan, service.store.events, scan.id, last)
+        )
+
+
+async def _start_all_stream(
+    request: Request, service: Service, last: LastEventId = None
+) -> AsyncIterator[AllStreamStart]:
+    with _subscribe(request, service, None) as subscriber:
+        yield AllStreamStart(subscriber, *await to_thread.run_sync(_begin_all, service.store.events, last))
 
 
 CHANGES = ("state", "progress", "view", "resync")
-SCAN_DATA = "`scan` and `resync` the scan as `GET /api/scans/SCAN` has it"
-ALL_DATA = "`cell` and `resync` an object with the cell's `state`, `problem` and `reason`"
+SCAN_DATA = "`scan` and `resync` have the scan as in `GET /api/scans/SCAN`"
+ALL_DATA = "`cell` and `resync` have an object with the cell's `state`, `problem` and `reason`"
 
 
-def _responses(names: tuple[str, ...], whole: str, *slugs: str) -> dict[int | str, dict[str, Any]]:
-    described = f"""Server-sent events. Each has a name and, as JSON, its data: {whole};
-those named `state`, `progress` and `view` an object with `id`, `scan`, `at`, `kind` and, as `data`, what has changed
+def _responses(names: tuple[str, ...], snapshot: str, *slugs: str) -> dict[int | str, dict[str, Any]]:
+    description = f"""Server-sent events. Each event has a name and JSON data: {snapshot};
+`state`, `progress` and `view` have an object with `id`, `scan`, `at`, `kind` and, in `data`, the change
 (`state`: state, stage, fraction, problem, summary; `progress`: stage, fraction; `view`: index, state, reason).
-Ids rise from change to change."""
-    content = {EventStream.media_type: {"itemSchema": _event(names)}}
-    return {200: {"description": described, "content": content}} | problem_responses(
+Ids rise with each change."""
+    content = {EventStream.media_type: {"itemSchema": _event_schema(names)}}
+    return {200: {"description": description, "content": content}} | problem_responses(
         "event-unknown", "invalid-request", "not-ready", "too-many-streams", *slugs
     )
 
 
-def _event(names: tuple[str, ...]) -> dict[str, Any]:
-    """One event of a stream, for the API's description."""
+def _event_schema(names: tuple[str, ...]) -> dict[str, Any]:
+    """Return the schema of one event, for the OpenAPI document."""
     properties = {
         "event": {"enum": names},
         "id": {"type": "string", "pattern": "^[0-9]+$"},
@@ -88,19 +99,23 @@ def _event(names: tuple[str, ...]) -> dict[str, Any]:
     status_code=200,
     response_class=EventStream,
     responses=_responses((*CHANGES, "scan"), SCAN_DATA, "scan-not-found")
-    | {204: {"description": "It has ended, and all is told"}},
+    | {204: {"description": "The scan has ended, and the client has all its events"}},
 )
-async def follow_scan(request: Request, stream: Annotated[OfScan, Depends(_of_scan)], service: Service) -> Response:
-    """The scan's changes as server-sent events, up to its final state, with which the stream ends.
+async def follow_scan(
+    request: Request, stream: Annotated[ScanStreamStart, Depends(_start_scan_stream)], service: Service
+) -> Response:
+    """Stream the changes of a scan as server-sent events. The stream ends with the final state.
 
-    First comes `scan` with the whole scan, then `state`, `progress` and `view` with what has changed. With
-    `Last-Event-ID` only what has happened since. `resync` has the whole scan again, where changes in between are not
-    told.
+    The first event is `scan` with the whole scan. Then `state`, `progress` and `view` have the changes. With
+    `Last-Event-ID`, the stream has only the changes since that event. `resync` has the whole scan again, if the changes
+    in between are not sent.
     """
     begin = stream.begin
-    if isinstance(begin, Behind) and begin.over and not begin.events:
-        return Response(status_code=204)  # a browser would come again and again after any other
-    content = scan_stream(service.store.events, stream.scan, stream.news, begin, stream.whole, stream.seen)
+    if isinstance(begin, MissedEvents) and begin.ended and not begin.events:
+        return Response(status_code=204)  # a browser would reconnect again and again after any other status
+    content = scan_stream(
+        service.store.events, stream.scan, stream.subscriber, begin, stream.snapshot_kind, stream.last_id
+    )
     return EventStream(content, still_allowed(request))
 
 
@@ -110,61 +125,71 @@ async def follow_scan(request: Request, stream: Annotated[OfScan, Depends(_of_sc
     response_class=EventStream,
     responses=_responses((*CHANGES, "cell"), ALL_DATA),
 )
-async def follow_all(request: Request, stream: Annotated[OfAll, Depends(_of_all)], service: Service) -> Response:
-    """The changes of all scans and of the cell as server-sent events, without an end.
+async def follow_all(
+    request: Request, stream: Annotated[AllStreamStart, Depends(_start_all_stream)], service: Service
+) -> Response:
+    """Stream the changes of all scans and of the cell as server-sent events, without an end.
 
-    First comes `cell` with the cell's state, and again whenever that changes; `state`, `progress` and `view` are as in
-    a scan's own events. With `Last-Event-ID` also what has happened to scans since. After `resync` ask for the scans
-    anew: changes in between are not told.
+    The first event is `cell` with the state of the cell; it is sent again after each change of that state. `state`,
+    `progress` and `view` are as in the events of one scan. With `Last-Event-ID`, the stream also has the changes of
+    scans since that event. After `resync`, request the scans again: changes in between are not sent.
     """
     cell, events = service.cell, service.store.events
-    content = all_stream(events, lambda: cell_event(cell.status), stream.news, stream.behind, stream.whole, stream.seen)
+    content = all_stream(
+        events, lambda: cell_event(cell.status), stream.subscriber, stream.missed, stream.snapshot_kind, stream.last_id
+    )
     return EventStream(content, still_allowed(request))
 
 
 @contextmanager
-def _following(request: Request, service: Context, topic: str | None) -> Iterator[News]:
-    """A slot, and the news from here on, until the client is gone.
+def _subscribe(request: Request, service: Context, topic: str | None) -> Iterator[EventSubscriber]:
+    """Take a stream slot and subscribe to a topic, or to all, until the client disconnects.
 
     Raises:
-        ProblemError: `too-many-streams`, or `not-ready` when the service is ending.
+        ProblemError: `not-ready`: The service is stopping.
+        ServiceError: `too-many-streams`: No slot is free.
     """
     hub = service.store.events.hub
     if hub.closed:
         raise ProblemError("not-ready", "the service is stopping")
     caller = known_caller(request.scope)
-    with service.streams.taken(None if caller is None or caller.local else caller.name), hub.following(topic) as news:
-        yield news
+    with (
+        service.streams.acquire(None if caller is None or caller.local else caller.name),
+        hub.subscribe(topic) as subscriber,
+    ):
+        yield subscriber
 
 
-def _begin_scan(events: ScanEvents, scan_id: str, last: int | None) -> tuple[Present | Behind, Whole, int]:
-    """Asks the database, when the news are followed already: what it does not know yet comes by them."""
-    whole: Whole = "scan"
+def _begin_scan(
+    events: ScanEvents, scan_id: str, last: int | None
+) -> tuple[ScanSnapshot | MissedEvents, SnapshotKind, int]:
+    """Read the start of the stream. Call it after the subscription, which then has every later change."""
+    snapshot_kind: SnapshotKind = "scan"
     if last is not None:
-        with _known_event():
-            behind = events.behind(scan_id, last)
-        if behind is not None:
-            return behind, whole, last
-        whole = "resync"
-    present = events.present(scan_id)
-    if present is None:  # removed since it was found
+        with _event_problems():
+            changes = events.since(scan_id, last)
+        if changes is not None:
+            return changes, snapshot_kind, last
+        snapshot_kind = "resync"
+    present = events.snapshot(scan_id)
+    if present is None:  # removed after the dependency found it
         raise ProblemError("scan-not-found", f"there is no scan {scan_id} any more; GET /api/scans lists them")
-    return present, whole, present.newest
+    return present, snapshot_kind, present.newest
 
 
-def _begin_all(events: ScanEvents, last: int | None) -> tuple[list[ScanEvent], Whole, int]:
-    whole: Whole = "cell"
+def _begin_all(events: ScanEvents, last: int | None) -> tuple[list[ScanEvent], SnapshotKind, int]:
+    snapshot_kind: SnapshotKind = "cell"
     if last is not None:
-        with _known_event():
-            behind = events.all_behind(last)
-        if behind is not None:
-            return behind, whole, last
-        whole = "resync"
-    return [], whole, events.newest()
+        with _event_problems():
+            changes = events.all_since(last)
+        if changes is not None:
+            return changes, snapshot_kind, last
+        snapshot_kind = "resync"
+    return [], snapshot_kind, events.newest()
 
 
 @contextmanager
-def _known_event() -> Iterator[None]:
+def _event_problems() -> Iterator[None]:
     try:
         yield
     except UnknownEventError as error:

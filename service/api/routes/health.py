@@ -1,4 +1,4 @@
-"""Whether the service lives, and whether it can do a scan."""
+"""Routes of liveness and readiness."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ from fastapi.responses import JSONResponse
 
 from service.api.dependencies import Service
 from service.api.problem_responses import problem_responses
-from service.api.readiness import readiness, what_is_not
+from service.api.readiness import failed_checks, readiness
 from service.api.schemas.health import Health, Readiness
 from service.problems.document import MEDIA_TYPE, problem_document
 
@@ -16,18 +16,21 @@ router = APIRouter(tags=["health"])
 
 @router.get("/healthz", responses=problem_responses())
 async def healthz() -> Health:
-    """The event loop turns: an answer is all that this tells. Asks nothing else, and waits for nothing."""
+    """Answer 200 while the event loop runs. Nothing else is checked or waited for."""
     return Health()
 
 
 @router.get("/readyz", response_model=Readiness, responses=problem_responses("not-ready"))
 def readyz(service: Service) -> Any:
-    """Answer 200 if the database accepts changes, recognition is ready or at work, the disk has room, the service is
-    not stopping, and its file of tokens can be read. Otherwise answer 503 with the checks that failed. The state of the
-    cell is reported but does not count; see `GET /api/cell`."""
+    """Answer 200 if the service can run a scan, otherwise 503 with the checks that failed.
+
+    The service is ready if the database accepts changes, recognition is ready or at work, the disk has space, the
+    service is not stopping, and its file of tokens can be read. The state of the cell is reported but does not count;
+    see `GET /api/cell`.
+    """
     checks = readiness(service)
-    wrong = what_is_not(checks)
-    return Readiness(checks=checks) if not wrong else _not_ready("; ".join(wrong), checks.model_dump())
+    failed = failed_checks(checks)
+    return Readiness(checks=checks) if not failed else _not_ready("; ".join(failed), checks.model_dump())
 
 
 def _not_ready(detail: str, checks: dict[str, Any]) -> Response:

@@ -17,11 +17,11 @@ class ManualFiles(StaticFiles):
     """The files of the manual. The service also runs where the manual is not built."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer with a file.
+        """Send a file.
 
         Raises:
-            ProblemError: `manual-not-built`.
-            HTTPException: 404 where no such file exists, 405 for methods other than GET and HEAD.
+            ProblemError: `manual-not-built`: The manual is not built.
+            HTTPException: 404: No such file exists. 405: The method is neither GET nor HEAD.
         """
         if ".." in scope["path"].split("/"):  # StaticFiles would redirect some of them
             raise HTTPException(404)

@@ -1,4 +1,4 @@
-"""What the camera saw from each viewpoint of a scan, also while it is under way."""
+"""Routes of the views of a scan, also while it is running."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,21 +11,21 @@ from service.api.dependencies import Context, Id, Service, find_scan
 from service.api.depth_image import draw_depth
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch
 from service.api.problem_responses import RECORDING, problem_responses
-from service.api.response_cache import json_answer
-from service.api.routes.recordings import BINARY, require_whole
+from service.api.response_cache import json_response
+from service.api.routes.recordings import BINARY, require_recording_file
 from service.api.schemas.addresses import SCANS
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.problems.problem_error import ProblemError
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
-_REFUSALS = ("scan-not-found", "no-result", "invalid-request", *RECORDING)
+_PROBLEMS = ("scan-not-found", "no-result", "invalid-request", *RECORDING)
 
 Matrix = list[list[float]]
 
 
-class SeenView(Described):
-    """A view that was taken."""
+class SeenView(ApiModel):
+    """A captured view."""
 
     index: int
     T_base_camera: Matrix
@@ -33,18 +33,18 @@ class SeenView(Described):
     width: int
     height: int
     picture: str
-    """Address of its depth image, coloured by height above the table."""
+    """Address of the depth image, coloured by height above the table."""
 
 
-class SeenViews(Described):
-    """The views of a scan, by their indices."""
+class SeenViews(ApiModel):
+    """The views of a scan, in the order of their indices."""
 
     views: list[SeenView]
 
 
-@router.get("/{id}/views", response_model=SeenViews, responses=problem_responses(*_REFUSALS))
+@router.get("/{id}/views", response_model=SeenViews, responses=problem_responses(*_PROBLEMS))
 async def get_views(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
-    """From where each view was taken: as many as there are by now."""
+    """Return the camera pose of each view that is captured so far."""
 
     def read() -> Response:
         path = _recording(id, service)
@@ -59,41 +59,45 @@ async def get_views(id: Id, service: Service) -> Response:  # noqa: A002 (the pa
             )
             for pose in ([] if path is None else read_poses(path))
         ]
-        return json_answer(SeenViews(views=views))
+        return json_response(SeenViews(views=views))
 
-    return await service.reading.answer(("views", id), read)
+    return await service.response_cache.respond(("views", id), read)
 
 
 Index = Annotated[int, InPath(ge=0, le=999)]
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}} | NOT_MODIFIED
 
 
-@router.get("/{id}/views/{index}.png", response_class=Response, responses=PNG | problem_responses(*_REFUSALS))
-async def get_view_picture(id: Id, index: Index, service: Service, has: IfNoneMatch) -> Response:  # noqa: A002
-    """What was measured from a viewpoint, coloured by height above the table: from 3 mm below it, blue, to 27 mm above,
-    yellow; black where nothing was measured. Cut to the workspace."""
-    path = await service.reading.known(("recording of", id), lambda: _recording(id, service))
+@router.get("/{id}/views/{index}.png", response_class=Response, responses=PNG | problem_responses(*_PROBLEMS))
+async def get_view_picture(id: Id, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002
+    """Return the depth image of a view, coloured by height above the table and cropped to the workspace.
+
+    The colours go from blue, 3 mm below the table, to yellow, 27 mm above it. Unmeasured pixels are black.
+    """
+    path = await service.response_cache.get(("recording of", id), lambda: _recording(id, service))
 
     def draw() -> bytes:
-        seen = None if path is None else read_view(path, index)
-        if seen is None:
+        view_and_header = None if path is None else read_view(path, index)
+        if view_and_header is None:
             raise ProblemError("no-result", f"scan {id} has no view {index}, or not yet")
-        return draw_depth(*seen)
+        return draw_depth(*view_and_header)
 
-    return await service.pictures.answer((path, index), has, draw)
+    return await service.image_cache.respond((path, index), if_none_match, draw)
 
 
 def _recording(scan_id: str, service: Context) -> Path | None:
-    """The file with the scan's views: of a live one under way the one that is being written. None: nothing is in it
-    yet.
+    """Return the file with the scan's views, or None if it has no data yet.
+
+    For a running live scan, this is the file that is being written.
 
     Raises:
-        ProblemError: 404, there is no such scan, or it has no recording; `damaged`, as `present`.
+        ProblemError: `scan-not-found`: There is no such scan. `no-result`: The scan has no recording. `damaged`: As for
+            `require_recording_file`.
     """
     scan = find_scan(scan_id, service)
     recording = service.store.recording(scan.recording) if scan.recording else None
     if recording is not None:
-        require_whole(service, recording)
+        require_recording_file(service, recording)
         return service.store.folder.recording(recording.id)
     if scan.mode != "live":
         raise ProblemError("no-result", f"scan {scan_id} has no recording")

@@ -1,1 +1,1 @@
-"""The JSON documents of the HTTP API, and how rows become them."""
+"""The JSON documents of the HTTP API, and their conversion from database rows."""

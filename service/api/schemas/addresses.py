@@ -1,4 +1,4 @@
-"""Addresses of the resources below `/api`."""
+"""Paths of the resources below `/api`."""
 
 from service.errors import JobReference
 

@@ -1,9 +1,9 @@
-"""What goes over HTTP is described by the words beside its fields."""
+"""Base class of the HTTP API's documents."""
 
 from pydantic import BaseModel, ConfigDict
 
 
-class Described(BaseModel):
-    """A document whose fields' docstrings are in the API's description, `/openapi.json`."""
+class ApiModel(BaseModel):
+    """A document whose field docstrings become descriptions in `/openapi.json`."""
 
     model_config = ConfigDict(use_attribute_docstrings=True)

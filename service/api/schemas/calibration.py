@@ -1,4 +1,4 @@
-"""What goes over HTTP about hand-eye calibration, as JSON. Metres, radians, seconds, pixels, UTC."""
+"""JSON documents of hand-eye calibration. Metres, radians, seconds, pixels, UTC."""
 
 from typing import Annotated, Any, Literal
 
@@ -17,159 +17,172 @@ from calibration.target.board import (
     board_with_defaults,
 )
 from cell.control.calibration_run import GRID_COLUMNS, GRID_ROWS
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.api.schemas.problem import Problem
-from service.api.schemas.scans import WHOLE, Id
+from service.api.schemas.scans import WHOLE_NUMBER, Id
 from service.states import ScanState, ViewState
 
 Matrix = list[list[float]]
 
 
-class CellWarning(Described):
-    """Something that does not keep the cell from scanning, but should be seen to."""
+class CellWarning(ApiModel):
+    """A condition that does not prevent scans but needs attention."""
 
     code: str = Field(examples=["calibration-drift"])
-    """For programs."""
+    """Code for programs."""
     words: str
-    """For people, and what to do."""
+    """Message for people, with what to do."""
 
 
-# Told to readers of the description only: the board itself refuses what is outside, with words that say more.
+# only for the OpenAPI document; `Board` enforces the limits, with messages that say more
 COUNT: dict[str, JsonValue] = {"minimum": min(MIN_PER_SIDE.values()), "maximum": MAX_PER_SIDE}
 LENGTH: dict[str, JsonValue] = {"minimum": MIN_PITCH_M, "maximum": MAX_PITCH_M}
 
 
-class BoardRequest(Described):
-    """A calibration board, as printed; the usual one where nothing is told."""
+class BoardRequest(ApiModel):
+    """A calibration board, as printed. Omitted members are those of the default board."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     kind: BoardKind | None = None
-    columns: Annotated[int, WHOLE] | None = Field(default=None, json_schema_extra=COUNT)
-    """Squares in a row, or dots."""
-    rows: Annotated[int, WHOLE] | None = Field(default=None, json_schema_extra=COUNT)
-    """Rows of squares, or of dots."""
+    columns: Annotated[int, WHOLE_NUMBER] | None = Field(default=None, json_schema_extra=COUNT)
+    """Number of squares or dots in a row."""
+    rows: Annotated[int, WHOLE_NUMBER] | None = Field(default=None, json_schema_extra=COUNT)
+    """Number of rows of squares or dots."""
     pitch_m: float | None = Field(default=None, json_schema_extra=LENGTH)
-    """Side of a square, or distance from dot to dot, as measured on the print."""
+    """Side of a square, or distance between neighbouring dots, measured on the print, metres."""
     marker_m: float | None = Field(default=None, json_schema_extra=LENGTH)
-    """Side of a ChArUco marker; in proportion to the squares unless told."""
+    """Side of a ChArUco marker, metres. Null means in the default proportion to the squares."""
     dictionary: str | None = Field(default=None, max_length=40, json_schema_extra={"enum": [*MARKER_COUNTS, None]})
-    """OpenCV's name of the markers' dictionary."""
+    """Name of the marker dictionary in OpenCV."""
 
     def board(self) -> Board:
-        """The usual board, but for what is told. Raises BoardError."""
+        """Return the default board with the given members replaced.
+
+        Raises:
+            BoardError: Such a board cannot exist or be detected.
+        """
         return board_with_defaults(self.model_dump(exclude_none=True))
 
 
-class CalibrationRequest(Described):
-    """A calibration by the cell."""
+class CalibrationRequest(ApiModel):
+    """Body of a request for a calibration by the cell."""
 
     model_config = ConfigDict(extra="forbid")
 
     board: BoardRequest | None = None
-    """The board on the table; null is the usual one."""
-    poses: Annotated[int, Field(ge=10, le=40), WHOLE] = 15
-    """To solve from; two more verify the result."""
+    """The board on the table. Null means the default board."""
+    poses: Annotated[int, Field(ge=10, le=40), WHOLE_NUMBER] = 15
+    """Number of poses to solve from. Two more poses verify the result."""
 
 
-class CalibrationView(Described):
+class CalibrationView(ApiModel):
     """One view of a run."""
 
     index: int
     state: ViewState
-    """`moving`: the arm was sent there; `recorded`: the picture is on the disk; `missing`: there is none."""
+    """`moving` on the path there, `recorded` when the image is on the disk, `missing` if there is no image."""
     reason: str | None
-    """Why it is missing, or why the board was not found in it."""
+    """Why the view is missing, or why the board was not found in it."""
     corners: int | None
-    """Found in its picture; null: not looked for yet."""
+    """Number of corners found in the image. Null until the image is searched."""
     possible: int | None
-    """That the board has."""
+    """Number of corners of the board."""
     rms_px: float | None
-    """How far they are from where the board would have them by the pose that fits this picture alone best, each
-    coordinate; null: not looked for yet, none were found, or no pose fits."""
+    """RMS reprojection error per coordinate, for the board pose that fits this image alone best, pixels.
+
+    Null until the image is searched, and if no corner was found or no pose fits.
+    """
     cells: list[Annotated[int, Field(ge=0, lt=GRID_COLUMNS * GRID_ROWS)]] | None
-    """Parts of the picture, 8 across and 5 down, in which they are: row by row, 0 is the first of the upper row. All
-    views' together are the coverage. Null: not looked for yet, or of an earlier version."""
+    """Cells of an 8 x 5 grid over the image (columns x rows) that contain corners.
+
+    Numbered row by row from 0, the first cell of the top row. All views together give the coverage. Null until
+    the image is searched, and in runs of an earlier version.
+    """
     picture: str | None
-    """Address of the picture."""
+    """Address of the image."""
 
 
-class CalibrationProgress(Described):
-    """How far a run has come."""
+class CalibrationProgress(ApiModel):
+    """Progress of a run."""
 
     stage: str | None
     fraction: float = Field(ge=0, le=1)
     coverage: float = Field(ge=0, le=1)
-    """Share of the image in which corners were seen so far."""
+    """Share of the image in which corners were found so far, 0 to 1."""
     views: list[CalibrationView]
-    """Those come to so far, by their numbers."""
+    """The views reached so far, by index."""
 
 
-class RunLinks(Described):
-    """Addresses of a run; null where there is nothing to be done."""
+class RunLinks(ApiModel):
+    """Addresses of a run. An action that is not possible is null."""
 
     self: str
     cancel: str | None
     activate: str | None
 
 
-class RunResource(Described):
-    """One calibration by the cell, or verification of the one in use, running or ended."""
+class RunResource(ApiModel):
+    """A calibration by the cell, or a verification of the calibration in use, running or ended."""
 
     id: Id
     kind: Literal["calibration", "verification"]
     board: dict[str, Any] | None
-    """Null: the one that the calibration in use was made with."""
+    """The board. Null means the board of the calibration in use."""
     poses: int
     warnings: list[str]
-    """What the poses that the arm reaches will not tell well."""
+    """Quantities that the reachable poses do not determine well."""
     state: ScanState
     progress: CalibrationProgress
     created_at: str
     started_at: str | None
     ended_at: str | None
     activated_at: str | None
-    """When it was made the calibration in use."""
+    """When the result became the calibration in use."""
     calibration_sha256: str | None
-    """Of a verification: which calibration it is of."""
+    """SHA-256 of the calibration that a verification checks."""
     result: CalibrationResult | None
-    """Of a calibration that succeeded; its verdict may still be that it must not be used."""
+    """Result of a calibration that succeeded. Its verdict may still be that it must not be used."""
     verification: VerificationResource | None
-    """How the calibration did on views that it was not solved from."""
+    """Errors of the calibration on views that it was not solved from."""
     problem: Problem | None
-    """Why it failed, was aborted or interrupted."""
+    """Why the run failed, was aborted or interrupted."""
     links: RunLinks
 
 
-class RunList(Described):
-    """Runs, the newest first."""
+class RunList(ApiModel):
+    """Calibrations and verifications, the newest first."""
 
     runs: list[RunResource]
 
 
-class DriftResource(Described):
-    """What recent live scans tell of the calibration."""
+class DriftResource(ApiModel):
+    """Drift of the camera, estimated from recent live scans."""
 
     scans: int
-    """How many were judged."""
+    """Number of scans in the estimate."""
     off_m: float
-    """How far the camera seems to be from where it was, which is said by `off_from`."""
+    """Estimated displacement of the camera from the reference in `off_from`, metres."""
     off_rad: float
-    """How far it seems to be turned from that."""
+    """Estimated rotation of the camera from that reference, radians."""
     off_from: Literal["calibration", "first-scans"]
-    """From where the calibration puts it, or from where the first scans with this calibration had it."""
+    """The reference. The pose in the calibration, or the pose in the first scans with this calibration."""
     chance: float
-    """How likely so much is without a drift. One that is small, and no drift, is of too few scans, or of one alone."""
+    """Probability of an estimate this large without a drift (p-value).
+
+    It may be small without a drift being reported, if there are too few scans, or if one scan alone deviates.
+    """
     drifted: bool
     words: str
+    """Message for people."""
 
 
-class CalibrationInUse(Described):
-    """The hand-eye calibration in use. What its file does not tell is null."""
+class CalibrationInUse(ApiModel):
+    """The hand-eye calibration in use. Values that its file does not have are null."""
 
     T_flange_camera: Matrix
     covariance: Matrix | None
-    """Of its error (rx, ry, rz, tx, ty, tz) in the camera's frame, rad and m."""
+    """Covariance of its error (rx, ry, rz, tx, ty, tz) in the camera frame, radians and metres."""
     sigma_m: float | None
     sigma_rad: float | None
     eight_views_m: float | None
@@ -185,13 +198,13 @@ class CalibrationInUse(Described):
     drift: DriftResource
 
 
-class CalibrationStatus(Described):
-    """Hand-eye calibration: the one in use, and what is under way."""
+class CalibrationStatus(ApiModel):
+    """The hand-eye calibration in use, and the running run."""
 
     calibration: CalibrationInUse | None
-    """Null: there is none that can be used."""
+    """Null if no calibration is usable."""
     reason: str | None
-    """Why there is none, and what to do."""
+    """Why no calibration is usable, and what to do."""
     warnings: list[CellWarning]
     under_way: str | None
-    """Address of the run under way."""
+    """Address of the running run."""

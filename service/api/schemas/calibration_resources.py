@@ -1,4 +1,4 @@
-"""Rows, files and judgements of hand-eye calibration as what goes over HTTP."""
+"""Conversion of calibration rows, files and drift estimates to their JSON documents."""
 
 import logging
 import sqlite3
@@ -23,7 +23,7 @@ from service.api.schemas.calibration import (
     RunResource,
 )
 from service.api.schemas.problem import problem_resource
-from service.jobs.calibration_activation import why_not_activated
+from service.jobs.calibration_activation import why_not_activatable
 from service.jobs.calibration_drift import DriftWatch
 from service.states import ACTIVE_STATES
 from service.storage.calibration_store import CalibrationStore
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def usable_hand_eye(cell: Cell) -> HandEye | None:
-    """The calibration in use, as its file is now; None where none can be used, which is told where it is needed."""
+    """Return the calibration in use from its file, or None if none is usable. Requests that need it report why."""
     try:
         return cell.hand_eye()
     except CellError:
@@ -41,16 +41,16 @@ def usable_hand_eye(cell: Cell) -> HandEye | None:
 
 
 def recent_drift(hand_eye: HandEye, watch: DriftWatch) -> Drift | None:
-    """What recent scans tell of it; None where the database does not answer: the cell's state is told without it."""
+    """Return the drift in recent scans. None if the database fails, so that the cell is still reported."""
     try:
         return watch.drift(hand_eye)
     except sqlite3.Error:
-        log.exception("whether the calibration has drifted is not known")
+        log.exception("cannot read the drift of the calibration")
         return None
 
 
 def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: CalibrationStore) -> list[CellWarning]:
-    """What speaks against the calibration in use: its last verification, and recent scans."""
+    """Return warnings about the calibration in use, from its last verification and from recent scans."""
     warnings = []
     verified = None if hand_eye is None else _last_verification(hand_eye, store)
     if verified is not None and verified.verification is not None and not verified.verification["passed"]:
@@ -62,16 +62,16 @@ def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: C
 
 
 def _last_verification(hand_eye: HandEye, store: CalibrationStore) -> CalibrationRow | None:
-    """None too where the database does not answer."""
+    """Return the last verification of a calibration, or None if there is none or the database fails."""
     try:
         return store.last_verification(hand_eye.sha256)
     except sqlite3.Error:
-        log.exception("whether the calibration was verified is not known")
+        log.exception("cannot read the last verification of the calibration")
         return None
 
 
-def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
-    """The calibration in use and what scans tell of it as JSON."""
+def calibration_in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
+    """Return the calibration in use and its drift as a document."""
     covariance, created = hand_eye.covariance, hand_eye.created
     return CalibrationInUse(
         T_flange_camera=hand_eye.T_flange_camera.tolist(),
@@ -82,7 +82,7 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
         verdict=hand_eye.verdict,
         findings=[FindingResource.model_validate(finding) for finding in hand_eye.findings],
         created_at=None if created is None else created.isoformat(),
-        age_s=None if created is None else (clock.present() - created).total_seconds(),
+        age_s=None if created is None else (clock.utc_now() - created).total_seconds(),
         camera_id=hand_eye.camera_id,
         robot_serial=hand_eye.robot_serial,
         board=None if hand_eye.board is None else hand_eye.board.to_json(),
@@ -101,7 +101,7 @@ def in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
 
 
 def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> RunResource:
-    """A run and its views as JSON."""
+    """Return a run and its views as a document."""
     own = f"{RUNS}/{row.id}"
     return RunResource(
         id=row.id,
@@ -139,6 +139,6 @@ def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> Ru
         links=RunLinks(
             self=own,
             cancel=f"{own}/cancel" if row.state in ACTIVE_STATES else None,
-            activate=f"{own}/activate" if why_not_activated(row) is None else None,
+            activate=f"{own}/activate" if why_not_activatable(row) is None else None,
         ),
     )

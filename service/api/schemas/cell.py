@@ -1,4 +1,4 @@
-"""What goes over HTTP about the cell, as JSON."""
+"""JSON documents of the cell."""
 
 import math
 import time
@@ -10,24 +10,29 @@ from pydantic import Field
 from cell.config.cell_config import CellSettings
 from cell.control.status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.api.schemas.calibration import CellWarning
-from service.api.schemas.scans import WHOLE
+from service.api.schemas.scans import WHOLE_NUMBER
 
 Matrix = list[list[float]]
-HEARD_S = 3.0
-"""What was heard longer ago says nothing of how the robot is now: behind a fault nobody listens to it. An idle arm is
-looked at twice a second."""
+MAX_STATE_AGE_S = 3.0
+"""Age above which the reported modes are unknown, because after a fault the robot is not read any more.
+
+The state of an idle arm is read twice a second.
+"""
 
 
-class RobotResource(Described):
-    """The arm, as its controller last told it. Its modes are null while the cell is not ready or the last is older than
-    3 s, and `moving` in a fault too: nobody knows them."""
+class RobotResource(ApiModel):
+    """The last state that the controller of the arm reported.
+
+    The modes and `moving` are null, because they are unknown, while the cell is not ready or the state is older than
+    3 s. In a fault, `moving` is null too.
+    """
 
     kind: Literal["simulated", "ur"]
     model: str
     serial: str | None
-    """Null until it was connected."""
+    """Null until the arm was connected."""
     software: str | None
     robot_mode: RobotMode | None
     safety_mode: SafetyMode | None
@@ -35,15 +40,15 @@ class RobotResource(Described):
     q_rad: list[float] | None
     T_base_flange: Matrix | None
     age_s: float | None
-    """How old that is."""
+    """Age of the state, seconds."""
 
 
-class CameraResource(Described):
-    """The camera, as it last told."""
+class CameraResource(ApiModel):
+    """The camera, as it last reported."""
 
     kind: Literal["simulated", "oak"]
     product: str | None
-    """Null until it was connected."""
+    """Null until the camera was connected."""
     device_id: str | None
     width: int | None
     height: int | None
@@ -52,69 +57,76 @@ class CameraResource(Described):
     warnings: list[str]
 
 
-class CalibrationResource(Described):
+class CalibrationResource(ApiModel):
     """The hand-eye calibration in use."""
 
     T_flange_camera: Matrix
     created_at: str | None
-    """When it was measured, RFC 3339; null: not known."""
+    """Time of the measurement, RFC 3339. Null if it is not known."""
     camera_id: str | None
     robot_serial: str | None
     sha256: str
     warnings: list[str]
 
 
-class MissingViewpoint(Described):
-    """A viewpoint that the arm cannot take."""
+class MissingViewpoint(ApiModel):
+    """A viewpoint that the arm cannot reach."""
 
     index: int
     reason: str
 
 
-class ViewpointsResource(Described):
-    """The last plan in short; `POST /api/viewpoints/plan` has it whole."""
+class ViewpointsResource(ApiModel):
+    """Summary of the last plan. `POST /api/viewpoints/plan` returns a full plan."""
 
     planned: int
     reachable: int
     missing: list[MissingViewpoint]
     warning: str | None
-    """What part of the workspace the reachable ones do not show well, if any."""
+    """The part of the workspace that the reachable viewpoints do not show well, if any."""
 
 
-class CellResource(Described):
-    """The cell as last seen: asking for it asks no device anything."""
+class CellResource(ApiModel):
+    """The last known state of the cell. Reading it contacts no device."""
 
     state: State
-    """`not_ready`: connect, or start a live scan; `fault`: a person must look and acknowledge."""
+    """In `not_ready`, connect or start a live scan. In `fault`, a person must inspect the cell and acknowledge."""
     problem: str | None = Field(examples=["urn:pointchain:protective-stop"])
-    """What keeps it from being ready, for programs."""
+    """Type of the problem that keeps the cell from being ready, for programs."""
     reason: str | None
-    """The same for people, and what to do."""
+    """The same as a message for people, with what to do."""
     robot: RobotResource
     camera: CameraResource
     calibration: CalibrationResource | None
-    """Null until one was loaded."""
+    """Null until a calibration was loaded."""
     viewpoints: ViewpointsResource | None
-    """Null until there was a plan."""
+    """Null until viewpoints were planned."""
     warnings: list[CellWarning]
-    """What should be seen to, as a calibration from which the camera has drifted."""
+    """Conditions that need attention, for example a drift of the camera from its calibration."""
 
 
-class PlanRequest(Described):
-    """How many viewpoints to plan; null takes the cell's number."""
+class PlanRequest(ApiModel):
+    """Number of viewpoints to plan. Null means as configured."""
 
-    views: Annotated[int, Field(ge=2, le=32), WHOLE] | None = None
+    views: Annotated[int, Field(ge=2, le=32), WHOLE_NUMBER] | None = None
 
 
 def cell_resource(
     status: CellStatus, settings: CellSettings, using_arm: str | None, warnings: list[CellWarning]
 ) -> CellResource:
-    """The status as JSON. `using_arm`: the scan or calibration that is accepted and has not ended, in words."""
+    """Return the cell as a document.
+
+    Args:
+        status: The last known status.
+        settings: Settings of the cell.
+        using_arm: Description of the accepted scan or calibration that has not ended. None if there is none.
+        warnings: Conditions that need attention.
+    """
     if status.state == "ready" and using_arm is not None:
         status = replace(status, state="busy", slug="cell-busy", reason=f"{using_arm} is under way")
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
     age_s = math.inf if state is None else state.age_s + time.monotonic() - state.read_s
-    known = None if status.state == "not_ready" or age_s > HEARD_S else state
+    current_state = None if status.state == "not_ready" or age_s > MAX_STATE_AGE_S else state
     return CellResource(
         state=status.state,
         problem=None if status.slug is None else f"urn:pointchain:{status.slug}",
@@ -124,9 +136,9 @@ def cell_resource(
             model=settings.arm.model,
             serial=None if arm is None else arm.serial,
             software=None if arm is None else arm.software,
-            robot_mode=None if known is None else known.robot_mode,
-            safety_mode=None if known is None else known.safety_mode,
-            moving=None if known is None or status.state == "fault" else known.moving,
+            robot_mode=None if current_state is None else current_state.robot_mode,
+            safety_mode=None if current_state is None else current_state.safety_mode,
+            moving=None if current_state is None or status.state == "fault" else current_state.moving,
             q_rad=None if state is None else state.q_rad.tolist(),
             T_base_flange=None if state is None else state.T_base_flange.tolist(),
             age_s=None if state is None else age_s,

@@ -1,5 +1,7 @@
-"""What of the cell stays as it is while the service runs, for those who draw it: workspace, table, obstacles, the arm's
-shape, what is set. Metres, base frame."""
+"""JSON documents of what is constant in a cell while the service runs, for drawing it. Metres, base frame.
+
+They have the workspace, the table, the obstacles, the shape of the arm, and settings.
+"""
 
 import numpy as np
 
@@ -8,61 +10,61 @@ from cell.config.arm_config import ArmModelName
 from cell.kinematics.collision import PARTS, collision_model
 from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
 from recognition.parameters import R_MAX, R_MIN
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.config.loader import ServiceConfig
 from service.config.sections import GripperConfig
 
 Matrix = list[list[float]]
 
 
-class PartResource(Described):
-    """A capsule of the arm: all that lies within a radius of a straight piece."""
+class PartResource(ApiModel):
+    """A capsule of the arm: all points within a radius of a line segment."""
 
     part: str
     frames: tuple[int, int]
-    """The link frame in which each end of the piece is given: 0 the base, 6 the flange."""
+    """Link frame of each end of the segment, from 0, the base, to 6, the flange."""
     ends_m: tuple[tuple[float, float, float], tuple[float, float, float]]
     radius_m: float
 
 
-class ArmShape(Described):
-    """The arm with its camera, as collisions are avoided: a little thicker than it is."""
+class ArmShape(ApiModel):
+    """The arm with its camera as the collision check uses it, slightly thicker than in reality."""
 
     model: ArmModelName
     d_m: list[float]
-    """Denavit-Hartenberg: offset along each joint's axis ..."""
+    """Denavit-Hartenberg offset along the axis of each joint."""
     a_m: list[float]
-    """... length of each link ..."""
+    """Denavit-Hartenberg length of each link."""
     alpha_rad: list[float]
-    """... and its twist."""
+    """Denavit-Hartenberg twist of each link."""
     parts: list[PartResource]
 
 
-class CameraShape(Described):
-    """What viewpoints are planned with; each view of a scan has its own."""
+class CameraShape(ApiModel):
+    """The camera model for planning viewpoints. Each view of a scan has its own."""
 
     K: Matrix
     width: int
     height: int
 
 
-class ScanUsual(Described):
-    """What a live scan is, where it is not told otherwise."""
+class ScanUsual(ApiModel):
+    """Defaults and limits of a live scan."""
 
     views: int
     min_views: int
-    """With fewer, a scan fails."""
+    """A scan with fewer views fails."""
     string_radius_m: float | None
-    """Null: it is measured."""
+    """Null means that it is measured."""
     string_radius_range_m: tuple[float, float]
-    """Only these are taken."""
+    """Smallest and largest accepted radius."""
 
 
-class RoomResource(Described):
-    """The cell around the strings."""
+class RoomResource(ApiModel):
+    """The constant geometry of the cell, and its settings."""
 
     workspace_m: list[tuple[float, float]]
-    """Ranges of x, y and z."""
+    """Range of x, y and z."""
     table_z_m: float
     obstacles_m: list[tuple[tuple[float, float, float], tuple[float, float, float]]]
     """Lowest and highest corner of each box that the arm must not touch."""
@@ -70,13 +72,13 @@ class RoomResource(Described):
     hand_eye_max_age_days: float
     """An older hand-eye calibration is refused."""
     gripper: GripperConfig
-    """That grasps are for."""
+    """The gripper for which grasps are computed."""
     arm: ArmShape
     camera: CameraShape
 
 
 def room_resource(config: ServiceConfig, hand_eye: HandEye | None) -> RoomResource:
-    """The room of a service's cell. Without a calibration, the camera is left out of the arm's shape."""
+    """Return the geometry of the cell. Without a calibration, the shape of the arm excludes the camera."""
     settings = config.cell
     T_flange_camera = np.eye(4) if hand_eye is None else hand_eye.T_flange_camera
     model = collision_model(settings, T_flange_camera)

@@ -1,39 +1,39 @@
-"""Whether the service lives and is ready, as JSON."""
+"""JSON documents of liveness and readiness."""
 
 from typing import Literal
 
 from cell.control.status import State
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 
 
-class Health(Described):
-    """The service answers."""
+class Health(ApiModel):
+    """The service is alive."""
 
     status: Literal["ok"] = "ok"
 
 
-class ReadinessCheck(Described):
-    """One thing that the service takes."""
+class ReadinessCheck(ApiModel):
+    """Result of one readiness check."""
 
     ok: bool
     words: str
-    """How it is, for people."""
+    """Message for people."""
 
 
-class ReadinessChecks(Described):
-    """Each thing that the service takes."""
+class ReadinessChecks(ApiModel):
+    """Results of all readiness checks."""
 
     store: ReadinessCheck
     recognition: ReadinessCheck
     disk: ReadinessCheck
     service: ReadinessCheck
-    """It is not stopping, and its file of tokens can be read."""
+    """The service is not stopping, and its file of tokens can be read."""
     cell: State
-    """Told only: a service whose cell is not ready is, since it connects the cell."""
+    """Reported only. It does not count, because a service whose cell is not ready can connect the cell."""
 
 
-class Readiness(Described):
-    """The service can do a scan."""
+class Readiness(ApiModel):
+    """The service can run a scan."""
 
     status: Literal["ready"] = "ready"
     checks: ReadinessChecks

@@ -2,21 +2,21 @@
 
 from pydantic import ConfigDict, Field
 
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.errors import Failure
 from service.problems.document import PREFIX, failure_document
 from service.problems.problem_types import PROBLEM_TYPES
 
-OVER_HTTP = [f"{PREFIX}{slug}" for slug, kind in sorted(PROBLEM_TYPES.items()) if kind.status is not None]
-"""All values of `type` that an answer or the `problem` of a job can have."""
+HTTP_PROBLEM_TYPES = [f"{PREFIX}{slug}" for slug, kind in sorted(PROBLEM_TYPES.items()) if kind.status is not None]
+"""All values of `type` in responses and in the `problem` of a job."""
 
 
-class Problem(Described):
-    """An error, as RFC 9457 describes it. `type` is what programs decide on."""
+class Problem(ApiModel):
+    """A problem document (RFC 9457). Programs decide on its `type`."""
 
     model_config = ConfigDict(extra="allow")
 
-    type: str = Field(examples=["urn:pointchain:cell-busy"], json_schema_extra={"enum": [*OVER_HTTP]})
+    type: str = Field(examples=["urn:pointchain:cell-busy"], json_schema_extra={"enum": [*HTTP_PROBLEM_TYPES]})
     title: str
     status: int
     detail: str

@@ -1,4 +1,4 @@
-"""Recordings as their resources."""
+"""Conversion of recording rows to their JSON documents."""
 
 from service.api.schemas.addresses import RECORDINGS
 from service.api.schemas.scans import RecordingLinks, RecordingResource
@@ -6,6 +6,6 @@ from service.storage.rows import RecordingRow
 
 
 def recording_resource(row: RecordingRow) -> RecordingResource:
-    """The recording as it is told."""
+    """Return a recording as a document."""
     own = f"{RECORDINGS}/{row.id}"
     return RecordingResource(**vars(row), links=RecordingLinks(self=own, file=f"{own}/file"))

@@ -1,4 +1,4 @@
-"""Scans as their resources."""
+"""Conversion of scan rows to their JSON documents."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from service.storage.rows import ScanRow, ViewRow
 
 
 def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
-    """The scan as it is told; `views` are its own."""
+    """Return a scan as a document. `views` are the views of this scan."""
     own = f"{SCANS}/{row.id}"
     return ScanResource(
         id=row.id,
@@ -39,7 +39,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
 
 
 def scan_resources(rows: Sequence[ScanRow], views: Sequence[ViewRow]) -> list[ScanResource]:
-    """Several; `views` are those of all of them."""
+    """Return scans as documents. `views` are the views of all of them."""
     of_scan: defaultdict[str, list[ViewRow]] = defaultdict(list)
     for view in views:
         of_scan[view.scan].append(view)

@@ -1,6 +1,6 @@
-"""What goes over HTTP, as JSON: requests, recordings, scans, problems. Metres, radians, seconds, UTC.
+"""JSON documents of scans and recordings. Metres, radians, seconds, UTC.
 
-The point chain model's own document is defined in `recognition.model.document`.
+The document of the point chain model is defined in `recognition.model.document`.
 """
 
 from typing import Annotated, Any, Literal
@@ -10,37 +10,37 @@ from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 from recognition.model.document import GraspDocument
 from recognition.model.model import Method
 from recognition.parameters import R_MAX, R_MIN
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 from service.api.schemas.problem import Problem
 from service.states import ID_PATTERN, ScanState, ViewState
 
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
-"""Made by the server; later ones sort behind earlier ones."""
+"""Id that the service assigns. Ids sort by the time of their creation."""
 
-# The bounds are told to readers of the description only: recognition itself refuses a radius outside of them,
-# the recording's too, with a message that says more than "should be less than".
+# limits only for the OpenAPI document: recognition enforces them, also for the radius of a recording, with a message
+# that says more than "should be less than"
 Radius = Annotated[
     float, Field(strict=True, allow_inf_nan=False, json_schema_extra={"minimum": R_MIN, "maximum": R_MAX})
 ]
 
 
-def _whole(value: Any) -> int:
+def _to_whole_number(value: Any) -> int:
     if isinstance(value, float) and value.is_integer():
         return int(value)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError("a whole number is needed")
+        raise ValueError("must be a whole number")
     return value
 
 
-WHOLE = BeforeValidator(_whole)
-"""Makes an int a whole number as JSON has it: 3.0 is one, "3" and true are not."""
+WHOLE_NUMBER = BeforeValidator(_to_whole_number)
+"""Validator of whole numbers in JSON. It accepts 3.0, but neither "3" nor true."""
 
 
-class _Request(Described):
+class _Request(ApiModel):
     model_config = ConfigDict(extra="forbid")
 
     string_radius_m: Radius | None = None
-    """Radius of the string; null takes the recording's or the cell's, and where that has none it is measured."""
+    """Radius of the string. Null means that of the recording or the cell; if that has none, it is measured."""
     method: Method = "graph"
 
 
@@ -55,22 +55,22 @@ class LiveScan(_Request):
     """A scan by the cell's arm and camera."""
 
     mode: Literal["live"]
-    views: Annotated[int, Field(ge=2, le=32), WHOLE] | None = None
-    """How many viewpoints; null takes the cell's."""
+    views: Annotated[int, Field(ge=2, le=32), WHOLE_NUMBER] | None = None
+    """Number of viewpoints. Null means as configured."""
 
 
-class Reprocess(Described):
-    """The same views, recognised again. What is left out is as in the scan that it is of."""
+class Reprocess(ApiModel):
+    """Body of a request to recognise the views of a scan again. Omitted members are as in that scan."""
 
     model_config = ConfigDict(extra="forbid")
 
     string_radius_m: Radius | None = None
-    """Radius of the string; null measures it, whatever the recording says."""
+    """Radius of the string. Null means that it is measured, even if the recording has one."""
     method: Method | None = None
 
 
-class Keep(Described):
-    """Whether a scan is kept for ever."""
+class Keep(ApiModel):
+    """Whether a scan is kept at any age."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -80,82 +80,82 @@ class Keep(Described):
 ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
 
 
-class RecordingLinks(Described):
+class RecordingLinks(ApiModel):
     """Addresses of a recording."""
 
     self: str
     file: str
 
 
-class RecordingResource(Described):
-    """A stored recording: what its header says and what is in it."""
+class RecordingResource(ApiModel):
+    """A stored recording, with values from its header and its contents."""
 
     id: Id
     name: str | None
-    """What it was called by who sent it; null: it was not told, or a live scan made it."""
+    """Name that its sender gave. Null if there was none, or if a live scan made the recording."""
     created_at: str
-    """When it was uploaded, or the live scan that made it was asked for, RFC 3339."""
+    """Time of the upload, or of the request for the live scan that made it, RFC 3339."""
     size_bytes: int
     sha256: str
     views: int
-    """Complete views."""
+    """Number of complete views."""
     missing: list[str]
-    """What is missing from the file, in words."""
+    """Messages about what is missing from the file."""
     string_radius_m: float | None
     table_z_m: float
     provenance: dict[str, str]
-    """What else the header says: camera, robot, seed ..."""
+    """Further values in the header, for example camera, robot and seed."""
     links: RecordingLinks
 
 
-class RecordingList(Described):
+class RecordingList(ApiModel):
     """Recordings, the newest first."""
 
     recordings: list[RecordingResource]
     next: str | None
-    """Where the list goes on; null: it ends here."""
+    """Address of the next page. Null on the last page."""
 
 
-class ViewProgress(Described):
+class ViewProgress(ApiModel):
     """One viewpoint of a live scan."""
 
     index: int
     state: ViewState
-    """`moving`: the arm was sent there; `recorded`: the view is on the disk; `missing`: there is none."""
+    """`moving` on the path there, `recorded` when the view is on the disk, `missing` if there is no view."""
     reason: str | None
-    """Why it is missing."""
+    """Why the view is missing."""
 
 
-class Progress(Described):
-    """How far a scan has come."""
+class Progress(ApiModel):
+    """Progress of a scan."""
 
     stage: str | None
-    """What is being done, or was done last."""
+    """Present or last stage."""
     fraction: float = Field(ge=0, le=1)
-    """Done of the whole, by typical times; never falls."""
+    """Completed share by typical durations, 0 to 1. It never decreases."""
     views: list[ViewProgress]
-    """Of a live scan: the viewpoints come to so far, by their numbers."""
+    """The viewpoints of a live scan that were reached so far, by index."""
 
 
-class ScanSummary(Described):
-    """A result in short."""
+class ScanSummary(ApiModel):
+    """Summary of a result."""
 
     chains: int
     crossings: int
     warnings: list[str]
 
 
-class ScanLinks(Described):
-    """Addresses of a scan; those of results are null until it has them."""
+class ScanLinks(ApiModel):
+    """Addresses of a scan. The address of a result is null until the result exists."""
 
     self: str
     events: str
     cancel: str | None
-    """Only while the scan can be cancelled."""
+    """Null unless the scan can be cancelled."""
     reprocess: str | None
-    """Only once it has ended, and where there is a recording."""
+    """Null until the scan has ended, or if it has no recording."""
     source: str | None
-    """The scan that it does again."""
+    """The scan that was reprocessed as this one."""
     recording: str | None
     model: str | None
     grasps: str | None
@@ -163,20 +163,20 @@ class ScanLinks(Described):
     preview: str | None
     thumbnail: str | None
     views: str | None
-    """From where each view was taken; of a live scan from its beginning on."""
+    """Camera poses of the views. A live scan has this address from its beginning."""
 
 
-class ScanResource(Described):
+class ScanResource(ApiModel):
     """One scan, running or ended."""
 
     id: Id
     mode: Literal["replay", "live"]
     recording: Id | None
     source: Id | None
-    """The scan that it does again; null too once that one was removed."""
+    """Id of the scan that was reprocessed as this one. Null also after that scan was removed."""
     method: Method
     string_radius_m: float | None
-    """The radius that recognition works with; null: it is measured."""
+    """The radius that recognition uses. Null if it is measured."""
     state: ScanState
     progress: Progress
     created_at: str
@@ -184,25 +184,25 @@ class ScanResource(Described):
     ended_at: str | None
     summary: ScanSummary | None
     problem: Problem | None
-    """Why it failed, was aborted or interrupted."""
+    """Why the scan failed, was aborted or interrupted."""
     asked_by: str | None
-    """Name of the token that it was started with; null: nobody had to say who he is."""
+    """Name of the token that the scan was started with. Null if no token was needed."""
     kept: bool
-    """A person wants it kept: it is not removed, however old."""
+    """Whether a person has marked the scan to be kept. It is then not removed at any age."""
     calibration_sha256: str | None
-    """Of the hand-eye calibration that a live scan was planned with."""
+    """SHA-256 of the hand-eye calibration that a live scan was planned with."""
     links: ScanLinks
 
 
-class ScanList(Described):
+class ScanList(ApiModel):
     """Scans, the newest first."""
 
     scans: list[ScanResource]
     next: str | None
-    """Where the list goes on, with the same filters; null: it ends here."""
+    """Address of the next page, with the same filters. Null on the last page."""
 
 
-class GraspsDocument(Described):
+class GraspsDocument(ApiModel):
     """The grasps of a model, without the rest of the model."""
 
     model_config = ConfigDict(extra="allow")

@@ -1,14 +1,14 @@
-"""A plan of viewpoints as it goes over HTTP: what `ViewpointPlan.to_json` writes. Metres, radians, seconds."""
+"""JSON document of a viewpoint plan, as `ViewpointPlan.to_json` writes it. Metres, radians, seconds."""
 
 from pydantic import Field
 
-from service.api.schemas.base import Described
+from service.api.schemas.base import ApiModel
 
 Matrix = list[list[float]]
 
 
-class PlannedViewpoint(Described):
-    """A place from which the camera would look."""
+class PlannedViewpoint(ApiModel):
+    """A planned pose of the camera."""
 
     index: int
     azimuth_rad: float
@@ -18,46 +18,46 @@ class PlannedViewpoint(Described):
     T_base_camera: Matrix
     T_base_flange: Matrix
     q_rad: list[float] | None
-    """The arm's joints there; null: it cannot be reached."""
+    """Joint angles of the arm at the viewpoint. Null if it cannot be reached."""
     reason: str | None
-    """Why not."""
+    """Why the viewpoint cannot be reached."""
     fallback: str | None
-    """What was given way in for it to be reached."""
+    """The relaxation of the viewpoint that made it reachable."""
 
 
-class Leg(Described):
-    """The way to a viewpoint, or home."""
+class Leg(ApiModel):
+    """The path to a viewpoint, or home."""
 
     view: int | None
-    """Null: home."""
+    """Index of the viewpoint. Null means home."""
     waypoints_rad: Matrix
-    """Joints one after the other."""
+    """Joint angles at each waypoint, in order."""
     travel_rad: float
 
 
-class PlanCoverage(Described):
-    """Of the workspace, by the pictures."""
+class PlanCoverage(ApiModel):
+    """Coverage of the workspace by the images."""
 
     share: float = Field(ge=0, le=1)
     warning: str | None
-    """What part of the workspace they do not show well, if any."""
+    """The part of the workspace that the images do not show well, if any."""
 
 
-class PlanDocument(Described):
-    """All viewpoints, and the way through those that can be reached."""
+class PlanDocument(ApiModel):
+    """All viewpoints, and the path through the reachable ones."""
 
     reached: int
     viewpoints: list[PlannedViewpoint]
-    """By index."""
+    """In the order of their indices."""
     legs: list[Leg]
-    """In the order of execution; the last leads home."""
+    """In the order of execution. The last leg leads home."""
     start_q_rad: list[float]
-    """Where the first leg begins; home unless the arm's place was known."""
+    """Joint angles at the start of the first leg. Home, unless the pose of the arm was known."""
     home_q_rad: list[float]
     travel_rad: float
     coverage: PlanCoverage
     planning_s: float
     held_out: list[int]
-    """Of a calibration: viewpoints whose pictures judge it."""
+    """Indices of the viewpoints whose images verify a calibration."""
     warnings: list[str]
-    """What an operator should know of a plan that can be carried out all the same."""
+    """Messages for the operator about a plan that can still be executed."""

@@ -1,4 +1,4 @@
-"""`pointchain calibrate activate`: makes a solved calibration the one that the configured cell uses."""
+"""`pointchain calibrate activate`: make a solved calibration the active one of the configured cell."""
 
 import shlex
 import sys
@@ -11,25 +11,34 @@ from service.config.loader import ConfigError, load_config
 
 
 def calibrate_activate(solved: Path, config_file: Path | None) -> int:
-    """Activates the file, or the `hand_eye.json` in the folder; 0 when that is done."""
+    """Activate a solved calibration.
+
+    Args:
+        solved: Hand-eye file, or folder with a `hand_eye.json`.
+        config_file: Configuration of the cell. None: the default one.
+
+    Returns:
+        The exit code: 0 if the calibration is active, else 1.
+    """
     try:
         cell = load_config(config_file).cell
         active_file = cell.hand_eye.active_file
         if active_file is None:
-            raise ConfigError("no place is configured for the calibration in use: set hand_eye.file or data_dir")
+            raise ConfigError("no file is configured for the active calibration: set hand_eye.file or data_dir")
         run_file = solved / HAND_EYE_FILE if solved.is_dir() else solved
         hand_eye = activate(run_file, active_file, cell.camera_id, cell.robot_serial)
     except HandEyeMismatchError as error:
-        advice = "or name the configuration of its own cell with --config"
+        advice = "or give the configuration of its own cell by --config"
         print(f"pointchain calibrate activate: {error}; {advice}", file=sys.stderr)
         return 1
     except (ConfigError, HandEyeError) as error:
         print(f"pointchain calibrate activate: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        print(f"pointchain calibrate activate: {_unwritten(error)}", file=sys.stderr)
+        where = error.filename or "the file"
+        print(f"pointchain calibrate activate: {where} cannot be written: {error.strerror or error}", file=sys.stderr)
         return 1
-    print(activated(hand_eye, active_file), file=sys.stderr)
+    print(activation_message(hand_eye, active_file), file=sys.stderr)
     return 0
 
 
@@ -39,11 +48,7 @@ def activation_command(solved: Path, config_file: Path | None) -> str:
     return shlex.join(["pointchain", "calibrate", "activate", str(solved), *config])
 
 
-def activated(hand_eye: HandEye, active_file: Path) -> str:
-    """What was done, in words."""
-    warned = "".join(f"; warning: {warning}" for warning in hand_eye.warnings)
-    return f"active from now on: {active_file}{warned}"
-
-
-def _unwritten(error: OSError) -> str:
-    return f"{error.filename or 'the file'} cannot be written: {error.strerror or error}"
+def activation_message(hand_eye: HandEye, active_file: Path) -> str:
+    """Return the message about an activation, with the warnings about the calibration."""
+    warnings = "".join(f"; warning: {warning}" for warning in hand_eye.warnings)
+    return f"active calibration: {active_file}{warnings}"

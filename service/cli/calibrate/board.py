@@ -1,4 +1,4 @@
-"""`pointchain calibrate board`: a board to print."""
+"""`pointchain calibrate board`: write a board to print."""
 
 import sys
 from pathlib import Path
@@ -7,12 +7,21 @@ from typing import Any
 from calibration.target.board import BoardError, board_with_defaults
 
 
-def calibrate_board(out: Path, told: dict[str, Any], paper: str) -> int:
-    """Writes the board with the fields `told` as PDF to `out`; 0 when that is done."""
-    from calibration.target.pdf import write_board_pdf  # brings matplotlib along
+def calibrate_board(out: Path, given: dict[str, Any], paper: str) -> int:
+    """Write a board as PDF.
+
+    Args:
+        out: File to write.
+        given: Fields of the board that the caller gives. The others have their defaults.
+        paper: Size of the paper.
+
+    Returns:
+        The exit code: 0 if the file was written, else 1.
+    """
+    from calibration.target.pdf import write_board_pdf  # imports matplotlib
 
     try:
-        board = board_with_defaults(told)
+        board = board_with_defaults(given)
         write_board_pdf(board, out, paper)
     except BoardError as error:
         print(f"pointchain calibrate board: {error}", file=sys.stderr)
@@ -21,5 +30,5 @@ def calibrate_board(out: Path, told: dict[str, Any], paper: str) -> int:
         print(f"pointchain calibrate board: {out} cannot be written: {error.strerror}", file=sys.stderr)
         return 1
     print(f"wrote {out}: {board}", file=sys.stderr)
-    print("print it at 100 %, measure the line of 100 mm, and glue it flat to something stiff", file=sys.stderr)
+    print("print it at 100 %, measure the line of 100 mm, and glue the print flat to a stiff plate", file=sys.stderr)
     return 0

@@ -1,15 +1,16 @@
-"""The parser of `pointchain calibrate ...`; what each command needs is imported when it runs."""
+"""The parser of `pointchain calibrate`. Each command imports its modules when it runs."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
 BOARD_OPTIONS = ("kind", "columns", "rows", "pitch_m", "marker_m", "dictionary")
-LEAST_POSES, MOST_POSES = 10, 40  # the least as in `cell.planning.calibration_poses`, which is not imported for --help
+MIN_POSES, MAX_POSES = 10, 40
+"""Limits of --poses. The minimum is that of `cell.planning.calibration_poses`, which is not imported for --help."""
 
 
 def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds `calibrate` and its commands."""
+    """Add `calibrate` and its commands."""
     calibrate = commands.add_parser(
         "calibrate",
         help="make, verify and activate a hand-eye calibration",
@@ -127,28 +128,28 @@ def _add_board_options(parser: argparse.ArgumentParser) -> None:
     board.add_argument("--dictionary", metavar="NAME", help="OpenCV dictionary of the ChArUco markers (DICT_4X4_50)")
 
 
-def told_board(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of `calibration.target.board.Board` that were told."""
+def board_fields(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the given fields of `calibration.target.board.Board`."""
     return {name: value for name in BOARD_OPTIONS if (value := getattr(options, name)) is not None}
 
 
 def _poses(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and LEAST_POSES <= int(text) <= MOST_POSES):
-        raise argparse.ArgumentTypeError(f"{text!r}: from {LEAST_POSES} to {MOST_POSES} poses are possible")
+    if not (text.isascii() and text.isdigit() and MIN_POSES <= int(text) <= MAX_POSES):
+        raise argparse.ArgumentTypeError(f"{text!r}: from {MIN_POSES} to {MAX_POSES} poses are possible")
     return int(text)
 
 
 def _board(options: argparse.Namespace) -> int:
     from service.cli.calibrate.board import calibrate_board
 
-    return calibrate_board(options.out, told_board(options), options.paper)
+    return calibrate_board(options.out, board_fields(options), options.paper)
 
 
 def _run(options: argparse.Namespace) -> int:
-    from service.cli.calibrate.run import WantedRun, calibrate_run
+    from service.cli.calibrate.run import CalibrationOptions, calibrate_run
 
-    wanted = WantedRun(told_board(options), options.poses, options.folder, options.yes, options.json)
-    return calibrate_run(options.config, wanted)
+    run_options = CalibrationOptions(board_fields(options), options.poses, options.folder, options.yes, options.json)
+    return calibrate_run(options.config, run_options)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""What a person is told while the arm moves for a calibration."""
+"""Progress messages while the arm moves for a calibration or a verification."""
 
 import sys
 import threading
@@ -8,42 +8,46 @@ from cell.errors import StoppedError
 from cell.planning.viewpoints import ViewpointPlan
 
 
-class ToldCalibration:
-    """Tells how it goes, and lets no move begin once a stop was asked for."""
+class CalibrationProgress:
+    """Prints the progress to stderr, and prevents the next move after a stop request."""
 
-    def __init__(self, plan: ViewpointPlan, stop_asked: threading.Event, command: str) -> None:
-        self._stop_asked, self._command = stop_asked, command
+    def __init__(self, plan: ViewpointPlan, stop_requested: threading.Event, command: str) -> None:
+        self._stop_requested, self._command = stop_requested, command
         self._views, self._taken = plan.reached, 0
 
     def moving(self, index: int) -> None:
-        """The arm is about to move. Raises StoppedError."""
-        if self._stop_asked.is_set():  # before the cell was at work, so that it knows of none
+        """Report the next move.
+
+        Raises:
+            StoppedError: A stop was requested.
+        """
+        if self._stop_requested.is_set():  # a stop before the cell received the request does not cancel it
             raise StoppedError("stopped by request")
-        self.say(f"moving to pose {index}")
+        self.report(f"moving to pose {index}")
 
     def recorded(self, index: int) -> None:
-        """The picture is on the disk."""
+        """Report that the image is on the disk."""
         self._taken += 1
-        self.say(f"pose {index}: picture {self._taken} of {self._views}")
+        self.report(f"pose {index}: image {self._taken} of {self._views}")
 
     def missing(self, index: int, reason: str) -> None:
-        """There is no such picture."""
-        self.say(f"pose {index} is missing: {reason}")
+        """Report that the pose has no image."""
+        self.report(f"pose {index} is missing: {reason}")
 
     def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
-        """The board was found in it."""
+        """Report that the board was detected in the image."""
         fit = "" if board.rms_px is None else f", {board.rms_px:.2f} px off"
         found = f"{board.corners} of {board.possible} corners{fit}"
-        self.say(f"pose {index}: {found}; {coverage:.0%} of the image covered so far")
+        self.report(f"pose {index}: {found}; {coverage:.0%} of the image covered so far")
 
     def not_detected(self, index: int, reason: str) -> None:
-        """The board was not found in it."""
-        self.say(f"pose {index} is left out: {reason}")
+        """Report that the board was not detected in the image."""
+        self.report(f"pose {index} is excluded: {reason}")
 
     def home(self) -> None:
-        """The arm is home."""
-        self.say("the arm is home, working it out")
+        """Report that the arm is home."""
+        self.report("the arm is home; solving")
 
-    def say(self, words: str) -> None:
-        """To the person."""
-        print(f"pointchain calibrate {self._command}: {words}", file=sys.stderr)
+    def report(self, message: str) -> None:
+        """Print a message to stderr."""
+        print(f"pointchain calibrate {self._command}: {message}", file=sys.stderr)

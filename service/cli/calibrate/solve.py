@@ -1,4 +1,4 @@
-"""`pointchain calibrate solve`: a calibration from a folder of images and poses, or again from its observations."""
+"""`pointchain calibrate solve`: solve a calibration from a folder of images and poses, or from its observations."""
 
 import json
 import sys
@@ -18,107 +18,133 @@ from calibration.storage.hand_eye_file import write_result
 from calibration.target.detection import DetectedBoard
 from calibration.verification.verification import Verification, verification_findings, verify
 from service.cli.calibrate.activate import activation_command
-from service.cli.calibrate.report import result_words, verification_words
+from service.cli.calibrate.report import format_result, format_verification
 from service.problems.document import error_document
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """What there is to solve from."""
+class SolverInput:
+    """Observations of a folder."""
 
     observations: Observations
+    """Views to solve from."""
     held_out: Observations
-    """To verify by; may be none."""
-    unseen: tuple[tuple[str, str], ...]
-    """Views that gave nothing: name and reason."""
+    """Views for the verification. It may have none."""
+    unusable: tuple[tuple[str, str], ...]
+    """(name, reason) of each view without an observation."""
 
 
 def calibrate_solve(folder: Path, again: bool, out: Path | None, as_json: bool) -> int:
-    """Solves from the folder and writes the result there, or to `out`; the result as words, or JSON, on stdout.
+    """Solve from a folder, write the result, and print it to stdout.
 
-    0 when it may be used, 1 when it is refused, cannot be solved, or cannot be written: it is told all the same.
+    Args:
+        folder: Folder with images and poses.
+        again: Solve from the observations in the folder, without the images.
+        out: File for the result. None: `hand_eye.json` in the folder.
+        as_json: Print JSON.
+
+    Returns:
+        The exit code: 0 if the result may be used; 1 if it is refused, cannot be solved or cannot be written. A result
+        that cannot be written is printed too.
     """
     path = out or folder / HAND_EYE_FILE
     try:
-        seen = _kept(folder) if again else _found(folder)
-        result, verification = _solved(seen)
+        solver_input = _load_observations(folder) if again else _detect(folder)
+        result, verification = _solve(solver_input)
     except (HandEyeError, BoardDetectionError) as error:
-        return _failed(error_document(error.slug, str(error)), as_json)
-    told = verification.to_json()
-    problem = _written(path, result, seen, told)
-    # It is told even where it cannot be kept.
+        return _fail(error_document(error.slug, str(error)), as_json)
+    verification_json = verification.to_json()
+    problem = _write(path, result, solver_input, verification_json)
+    # the result is printed even if it cannot be written
     if as_json:
-        document = result_document(result, seen.observations, told) if problem else json.loads(path.read_bytes())
-        document |= {"unseen": [{"name": name, "reason": reason} for name, reason in seen.unseen]}
+        if problem:
+            document = result_document(result, solver_input.observations, verification_json)
+        else:
+            document = json.loads(path.read_bytes())
+        document |= {"unseen": [{"name": name, "reason": reason} for name, reason in solver_input.unusable]}
         print(json.dumps(document | ({"error": problem} if problem else {}), allow_nan=False))
     else:
-        print(result_words(result, seen.unseen))
-        print(verification_words(verification), flush=True)
+        print(format_result(result, solver_input.unusable))
+        print(format_verification(verification), flush=True)
     if problem:
-        say(problem["detail"])
+        _report(problem["detail"])
         return 1
-    if not seen.held_out.views:
-        say('to verify by views that are not solved from, write "held_out": true in the JSON files of two or more')
-    say(f"wrote {path} and {path.with_name(OBSERVATIONS_FILE)}")
+    if not solver_input.held_out.views:
+        _report('no view is held out for a verification: write "held_out": true in the JSON files of two or more views')
+    _report(f"wrote {path} and {path.with_name(OBSERVATIONS_FILE)}")
     if result.verdict != "refuse":
-        say(f"to use it: {activation_command(path, None)}, with the --config of the cell if it has one")
+        _report(f"to activate it: {activation_command(path, None)}, with the --config of the cell if it has one")
     return 1 if result.verdict == "refuse" else 0
 
 
-def say(words: str) -> None:
-    """To people."""
-    print(f"pointchain calibrate: {words}", file=sys.stderr)
+def _report(message: str) -> None:
+    print(f"pointchain calibrate: {message}", file=sys.stderr)
 
 
-def _found(folder: Path) -> Seen:
-    """What the images show. Raises HandEyeError, BoardDetectionError."""
+def _detect(folder: Path) -> SolverInput:
+    """Detect the board in the images of a folder.
+
+    Raises:
+        HandEyeError: The folder cannot be read.
+        BoardDetectionError: The board cannot be detected.
+    """
     content = read_folder(folder)
     for name, reason in content.excluded:
-        say(f"{name}: left out: {reason}")
+        _report(f"{name}: excluded: {reason}")
     possible = len(content.setup.board.points)
 
-    def report_view(name: str, sighting: DetectedBoard | str) -> None:
-        is_seen = not isinstance(sighting, str)
-        say(f"{name}: {f'{len(sighting.ids)} of {possible} corners' if is_seen else sighting}")
+    def report_view(name: str, detection: DetectedBoard | str) -> None:
+        is_detected = not isinstance(detection, str)
+        _report(f"{name}: {f'{len(detection.ids)} of {possible} corners' if is_detected else detection}")
 
-    observed = detect_views(content, report_view)
-    return Seen(observed.observations, observed.held_out, observed.excluded)
+    detected = detect_views(content, report_view)
+    return SolverInput(detected.observations, detected.held_out, detected.excluded)
 
 
-def _kept(folder: Path) -> Seen:
-    """What was seen when the folder was solved before. Raises HandEyeError."""
-    kept = load_observations(folder / OBSERVATIONS_FILE)
+def _load_observations(folder: Path) -> SolverInput:
+    """Load the observations of an earlier solution.
+
+    Raises:
+        HandEyeError: The observations cannot be loaded.
+    """
+    loaded = load_observations(folder / OBSERVATIONS_FILE)
     try:
-        of_result = json.loads((folder / HAND_EYE_FILE).read_bytes())["observations_sha256"]
+        sha256_of_result = json.loads((folder / HAND_EYE_FILE).read_bytes())["observations_sha256"]
     except (OSError, ValueError, KeyError, TypeError):
-        of_result = None  # solving does not need it
-    if of_result is not None and of_result != kept.sha256:
-        say(f"{OBSERVATIONS_FILE} is not what {HAND_EYE_FILE} was solved from: one of them was changed since")
-    return Seen(kept.observations, kept.held_out, ())
+        sha256_of_result = None  # the former result is not needed
+    if sha256_of_result is not None and sha256_of_result != loaded.sha256:
+        _report(f"{HAND_EYE_FILE} was not solved from this {OBSERVATIONS_FILE}: one of them was changed since")
+    return SolverInput(loaded.observations, loaded.held_out, ())
 
 
-def _solved(seen: Seen) -> tuple[HandEyeResult, Verification]:
-    """The result, refused where the views that were held out contradict it, and warned of where there are none. Raises
-    HandEyeError."""
-    result = solve_hand_eye(seen.observations)
-    verification = verify(result, seen.held_out)
+def _solve(solver_input: SolverInput) -> tuple[HandEyeResult, Verification]:
+    """Return the result and its verification.
+
+    The result is refused if the held-out views contradict it, and has a warning if there are none.
+
+    Raises:
+        HandEyeError: The calibration cannot be solved.
+    """
+    result = solve_hand_eye(solver_input.observations)
+    verification = verify(result, solver_input.held_out)
     return replace(result, findings=(*result.findings, *verification_findings(verification))), verification
 
 
-def _written(path: Path, result: HandEyeResult, seen: Seen, verification: dict[str, Any]) -> dict[str, Any] | None:
-    """Writes the result; the problem where it cannot be written."""
+def _write(
+    path: Path, result: HandEyeResult, solver_input: SolverInput, verification: dict[str, Any]
+) -> dict[str, Any] | None:
+    """Write the result. Return the problem if it cannot be written."""
     try:
-        write_result(path, result, seen.observations, seen.held_out, verification)
+        write_result(path, result, solver_input.observations, solver_input.held_out, verification)
     except HandEyeError as error:
         return error_document(error.slug, str(error))
     except OSError as error:
-        words = f"{error.filename or path} cannot be written: {error.strerror or error}"
-        return error_document("file", words)
+        return error_document("file", f"{error.filename or path} cannot be written: {error.strerror or error}")
     return None
 
 
-def _failed(problem: dict[str, Any], as_json: bool) -> int:
+def _fail(problem: dict[str, Any], as_json: bool) -> int:
     if as_json:
         print(json.dumps({"error": problem}))
-    say(problem["detail"])
+    _report(problem["detail"])
     return 1

@@ -1,1 +1,1 @@
-"""The other commands, one file for each or for each family."""
+"""The other commands, one module per command or family of commands."""

@@ -1,4 +1,4 @@
-"""`pointchain audit`: who did what, from the service's log; also while it runs."""
+"""`pointchain audit`: print the audit log of the service. The service may be running."""
 
 import argparse
 import json
@@ -6,11 +6,11 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from service.clock import stamp
+from service.clock import format_utc
 
 
 def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds `audit`."""
+    """Add `audit`."""
     audit = commands.add_parser(
         "audit",
         help="print the audit log: who requested what, and the outcome",
@@ -50,8 +50,9 @@ def _moment(text: str) -> str:
         moment = datetime.fromisoformat(text)
         moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
     except (ValueError, OverflowError):
-        raise argparse.ArgumentTypeError(f"{text!r} is no date or time, as 2026-01-31 or 2026-01-31T08:00:00") from None
-    return stamp(moment)
+        message = f"{text!r} is not a date or time, as 2026-01-31 or 2026-01-31T08:00:00"
+        raise argparse.ArgumentTypeError(message) from None
+    return format_utc(moment)
 
 
 def _limit(text: str) -> int:
@@ -74,12 +75,12 @@ def _audit(options: argparse.Namespace) -> int:
         if options.json:
             print(json.dumps(vars(entry)))
         else:
-            told = "" if entry.result is None else f" {entry.result}"
-            about = "" if entry.scan is None else f", scan {entry.scan}"
+            result = "" if entry.result is None else f" {entry.result}"
+            scan = "" if entry.scan is None else f", scan {entry.scan}"
             status = entry.status or "-"
-            print(f"{entry.at}  {entry.who} ({entry.role})  {entry.what}  {status}{told}  cell {entry.cell}{about}")
+            print(f"{entry.at}  {entry.who} ({entry.role})  {entry.what}  {status}{result}  cell {entry.cell}{scan}")
     if not entries:
-        print("there is no such entry", file=sys.stderr)
+        print("no entry was found", file=sys.stderr)
     if len(entries) > options.limit:
-        print(f"there are older ones: these are the newest {options.limit}; --limit shows more", file=sys.stderr)
+        print(f"only the newest {options.limit} entries are shown; raise --limit to see older ones", file=sys.stderr)
     return 0

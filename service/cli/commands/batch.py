@@ -1,4 +1,4 @@
-"""The commands that are about recordings and their models: `pointchain recognise` and `compare`."""
+"""The commands for recordings and their models: `pointchain recognise` and `compare`."""
 
 import argparse
 import math
@@ -8,12 +8,13 @@ from pathlib import Path
 from service.cli.commands.cell import METHODS
 
 SUFFIXES = (".jsonl", ".parquet")
-"""As of `service.batch.formats`, which is not imported for --help."""
-MOST_JOBS = 512
+"""Those of `service.batch.formats`, which is not imported for --help."""
+MAX_JOBS = 512
+"""Maximum number of processes."""
 
 
-def add_archive_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds `recognise` and `compare`."""
+def add_batch_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `recognise` and `compare`."""
     recognise = commands.add_parser(
         "recognise",
         help="recognise recordings and print one JSON document per line",
@@ -46,12 +47,12 @@ def add_archive_commands(commands: "argparse._SubParsersAction[argparse.Argument
     recognise.add_argument(
         "--out", type=_output, metavar="FILE", help="write to FILE.jsonl or FILE.parquet instead of stdout"
     )
-    how = recognise.add_mutually_exclusive_group()
-    how.add_argument("--jobs", type=_jobs, metavar="N", help="use N processes of this machine (1)")
-    how.add_argument(
+    mode = recognise.add_mutually_exclusive_group()
+    mode.add_argument("--jobs", type=_jobs, metavar="N", help="use N processes of this machine (1)")
+    mode.add_argument(
         "--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, which must see the same files"
     )
-    how.add_argument(
+    mode.add_argument(
         "--trace", type=Path, metavar="DIR", help="write a picture of each stage, into a folder per recording"
     )
     recognise.set_defaults(run=_recognise)
@@ -79,12 +80,12 @@ def add_archive_commands(commands: "argparse._SubParsersAction[argparse.Argument
 def _output(text: str) -> Path:
     path = Path(text)
     if path.suffix not in SUFFIXES:
-        raise argparse.ArgumentTypeError(f"{text!r} ends neither in {' nor in '.join(SUFFIXES)}")
+        raise argparse.ArgumentTypeError(f"{text!r} does not end in {' or '.join(SUFFIXES)}")
     return path
 
 
 def _setting(text: str) -> tuple[str, float]:
-    """Parse NAME=VALUE. Names are checked later: their table is not imported for --help."""
+    """Parse NAME=VALUE. The name is checked later, because the parameters are not imported for --help."""
     name, separator, value = text.partition("=")
     if not (separator and name):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in r_cn=0.015")
@@ -98,8 +99,8 @@ def _setting(text: str) -> tuple[str, float]:
 
 
 def _jobs(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MOST_JOBS):
-        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to {MOST_JOBS} processes are possible")
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MAX_JOBS):
+        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to {MAX_JOBS} processes are possible")
     return int(text)
 
 
@@ -113,15 +114,19 @@ def _recognise(options: argparse.Namespace) -> int:
     except (ConfigError, InvalidParametersError) as error:
         print(f"pointchain recognise: {error}", file=sys.stderr)
         return 1
-    from service.batch.recognise import Where, recognise
-    from service.batch.recognise_file import Asked
+    from service.batch.recognise import RunOptions, recognise
+    from service.batch.recognise_file import RecognitionRequest
 
-    asked = Asked(options.method, options.radius, gripper, settings=settings)
-    return recognise(options.files, asked, Where(options.out, options.jobs, options.cluster, options.trace))
+    request = RecognitionRequest(options.method, options.radius, gripper, settings=settings)
+    return recognise(options.files, request, RunOptions(options.out, options.jobs, options.cluster, options.trace))
 
 
 def _settings(options: argparse.Namespace) -> dict[str, float]:
-    """Return the values of --set by name. Raises InvalidParametersError."""
+    """Return the values of --set by name.
+
+    Raises:
+        InvalidParametersError: A name is unknown or given twice, or a value is not accepted.
+    """
     from recognition.errors import InvalidParametersError
     from recognition.parameters import ChainParameters, check_settings
 

@@ -1,15 +1,17 @@
-"""The commands that are about the configured cell: `pointchain scan`, `check` and `viewpoints`."""
+"""The commands for the configured cell: `pointchain scan`, `check` and `viewpoints`."""
 
 import argparse
 import sys
 from pathlib import Path
 
 METHODS = ("matching", "enhanced", "graph")
-"""As `recognition.model.Method`, which is not imported for --help."""
+"""Those of `recognition.model.model.Method`, which is not imported for --help."""
+MIN_VIEWS, MAX_VIEWS = 2, 32
+"""Limits of --views: those of `cell.config.cell_config.ScanSettings`, which is not imported for --help."""
 
 
 def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds `scan`, `check` and `viewpoints`."""
+    """Add `scan`, `check` and `viewpoints`."""
     scan = commands.add_parser(
         "scan",
         help="make one live scan with the configured cell: the arm moves",
@@ -51,9 +53,8 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
 
 
 def _views(text: str) -> int:
-    least, most = 2, 32  # as `cell.config.cell_config.ScanSettings`, which is not imported for --help
-    if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
-        raise argparse.ArgumentTypeError(f"{text!r}: from {least} to {most} views are possible")
+    if not (text.isascii() and text.isdigit() and MIN_VIEWS <= int(text) <= MAX_VIEWS):
+        raise argparse.ArgumentTypeError(f"{text!r}: from {MIN_VIEWS} to {MAX_VIEWS} views are possible")
     return int(text)
 
 
@@ -65,21 +66,21 @@ def _scan(options: argparse.Namespace) -> int:
     except ConfigError as error:
         print(f"pointchain scan: {error}", file=sys.stderr)
         return 1
-    from service.cli.commands.scan import Wanted, scan_once
+    from service.cli.commands.scan import ScanOptions, run_scan
 
-    wanted = Wanted(
+    scan_options = ScanOptions(
         options.out, options.radius, options.method, options.views, config.gripper.value, config.limits.recognition_s
     )
-    return scan_once(config.cell, wanted)
+    return run_scan(config.cell, scan_options)
 
 
 def _check(options: argparse.Namespace) -> int:
-    from service.cli.commands.check import check
+    from service.cli.commands.check import run_check
 
-    return check(options.config, options.json)
+    return run_check(options.config, options.json)
 
 
 def _viewpoints(options: argparse.Namespace) -> int:
-    from service.cli.commands.viewpoints import show_viewpoints
+    from service.cli.commands.viewpoints import plan_viewpoints
 
-    return show_viewpoints(options.config, options.views, options.picture, options.json)
+    return plan_viewpoints(options.config, options.views, options.picture, options.json)

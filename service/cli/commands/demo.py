@@ -19,7 +19,7 @@ from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import truth_path
 from recognition.model.model import PointChainModel
-from service.cli.commands.scan import Wanted, take_scan
+from service.cli.commands.scan import ScanOptions, take_scan
 from service.processing.results import recognise_recording, write_preview, write_results
 from service.processing.stage_figures import write_trace
 from service.processing.worker import RecognitionWorker, TaskFailedError
@@ -42,7 +42,7 @@ def demo(folder: Path) -> int:
     """
     files = [folder / name for name in ("scan.mcap", "scan.truth.json", "result", "trace")]
     if folder.exists() and {path.name for path in folder.iterdir()} - {path.name for path in files}:
-        print(f"pointchain demo: {folder} contains other files; name another folder", file=sys.stderr)
+        print(f"pointchain demo: {folder} contains other files; give another folder", file=sys.stderr)
         return 1
     for path in files:
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
@@ -52,10 +52,10 @@ def demo(folder: Path) -> int:
     settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
     try:
         with closing(Cell(settings)) as cell, closing(RecognitionWorker()) as worker:
-            take_scan(cell, worker, Wanted(recording), _say, threading.Event())
+            take_scan(cell, worker, ScanOptions(recording), _report, threading.Event())
             status = cell.status
     except (CellError, TaskFailedError) as error:
-        # The simulated cell has no faults; a machine that is too busy misses the time limits.
+        # the simulated cell has no faults, but a machine that is too busy exceeds the timeouts
         print(f"pointchain demo: the scan failed: {error}; try again when the machine is less busy", file=sys.stderr)
         return 1
     # The scan returns the model only. Recognition of the recording gives the same model and what the pictures need.
@@ -72,15 +72,15 @@ def demo(folder: Path) -> int:
     print(f"Live scan          {len(poses)} views by a simulated {settings.arm.model} and a {status.camera.product}")
     for line in _summary(model):
         print(line)
-    judged = score(model.to_json(), truth)
-    error = "" if judged.mean_m is None else f", mean error of the centre line {judged.mean_m * 1000:.2f} mm"
-    print(f"Against the truth  topology {'right' if judged.topology else 'WRONG'}{error}")
+    scores = score(model.to_json(), truth)
+    error = "" if scores.mean_m is None else f", mean error of the centre line {scores.mean_m * 1000:.2f} mm"
+    print(f"Against the truth  topology {'right' if scores.topology else 'WRONG'}{error}")
     print(f"Recording          {recording}")
     print(f"Results            {', '.join(str(path) for path in sorted(results.iterdir()))}")
     print(f"Stage by stage     {len(pictures)} pictures in {trace}/, from {pictures[0].name} to {pictures[-1].name}")
     for line in _next_steps(recording):
         print(line)
-    return 0 if judged.topology else 1
+    return 0 if scores.topology else 1
 
 
 def indented(value: Any, indent: str = "") -> str:
@@ -94,7 +94,7 @@ def indented(value: Any, indent: str = "") -> str:
     return json.dumps(value, allow_nan=False)
 
 
-def _say(message: str) -> None:
+def _report(message: str) -> None:
     print(f"  {message}", flush=True)
 
 

@@ -1,11 +1,11 @@
-"""The parser of `pointchain doctor`; what it needs is imported when it runs."""
+"""The parser of `pointchain doctor`. The command imports its modules when it runs."""
 
 import argparse
 from pathlib import Path
 
 
-def add_doctor_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Adds `doctor`."""
+def add_integrity_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add `doctor`."""
     doctor = commands.add_parser(
         "doctor",
         help="check the integrity of the data folder; repair it with --repair",
@@ -27,6 +27,6 @@ def add_doctor_command(commands: "argparse._SubParsersAction[argparse.ArgumentPa
 
 
 def _doctor(options: argparse.Namespace) -> int:
-    from service.cli.commands.integrity_report import doctor
+    from service.cli.commands.integrity_report import run_doctor
 
-    return doctor(options.config, options.data_dir, options.repair, options.json, options.quick)
+    return run_doctor(options.config, options.data_dir, options.repair, options.json, options.quick)

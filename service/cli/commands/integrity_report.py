@@ -1,4 +1,4 @@
-"""The doctor's findings, told thing by thing, and what is left of them behind a repair."""
+"""`pointchain doctor`: check the integrity of the data folder, repair it if requested, and print the findings."""
 
 import json
 import sqlite3
@@ -7,41 +7,52 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cell.self_test.check_result import CheckResult
-from service.cli.commands.check import told_step
+from service.cli.commands.check import format_step
 from service.config.loader import ConfigError, load_config
-from service.integrity.check import Examination, examine, examined_by
-from service.integrity.database_check import MOST_TOLD
+from service.integrity.check import CheckReport, check_store, check_target
+from service.integrity.database_check import MAX_REPORTED
 from service.integrity.finding import GROUPS, Finding
 from service.integrity.repair import repair
 from service.storage.data_folder import DataFolderError
 
 
-def doctor(config_file: Path | None, data_dir: Path | None, mend: bool, as_json: bool, quick: bool) -> int:
-    """Looks at the configured store, and mends it if wanted; 0 when it is well, or is now; 1 when something is left."""
+def run_doctor(config_file: Path | None, data_dir: Path | None, with_repair: bool, as_json: bool, quick: bool) -> int:
+    """Check the configured data folder, repair it if requested, and print the findings.
+
+    Args:
+        config_file: Configuration of the service. None: the default one.
+        data_dir: Data folder. None: the configured one.
+        with_repair: Repair what can be repaired, then check again.
+        as_json: Print JSON.
+        quick: Compare sizes only; read no file.
+
+    Returns:
+        The exit code: 0 if nothing was found, or nothing remains after the repair; else 1.
+    """
     try:
-        store = examined_by(load_config(config_file, data_dir=data_dir), quick)
+        store = check_target(load_config(config_file, data_dir=data_dir), quick)
     except ConfigError as error:
         print(f"pointchain doctor: {error}", file=sys.stderr)
         return 1
     repaired: list[str] = []
     try:
-        if mend and store.root.is_dir():
+        if with_repair and store.root.is_dir():
 
-            def say(words: str) -> None:
-                repaired.append(words)
-                print(f"pointchain doctor: {words}", file=sys.stderr, flush=True)
+            def report(message: str) -> None:
+                repaired.append(message)
+                print(f"pointchain doctor: {message}", file=sys.stderr, flush=True)
 
-            found = repair(store, say)
+            found = repair(store, report)
         else:
-            found = examine(store)
+            found = check_store(store)
     except (DataFolderError, OSError, sqlite3.Error) as error:
         print(f"pointchain doctor: {error}", file=sys.stderr)
         return 1
-    print(json.dumps(_document(store.root, found, repaired)) if as_json else _told(found))
+    print(json.dumps(_document(store.root, found, repaired)) if as_json else _format_report(found))
     return 1 if found.findings else 0
 
 
-def _document(root: Path, found: Examination, repaired: list[str]) -> dict[str, object]:
+def _document(root: Path, found: CheckReport, repaired: list[str]) -> dict[str, object]:
     findings = [{name: value for name, value in asdict(one).items() if name != "key"} for one in found.findings]
     return {
         "well": not findings,
@@ -52,26 +63,26 @@ def _document(root: Path, found: Examination, repaired: list[str]) -> dict[str, 
     }
 
 
-def _told(found: Examination) -> str:
+def _format_report(found: CheckReport) -> str:
     lines = []
     for group in GROUPS:
         of_group = [finding for finding in found.findings if finding.group == group]
         if of_group:
-            lines += [told_step(_step(finding)) for finding in of_group[:MOST_TOLD]]
-            if len(of_group) > MOST_TOLD:
-                more = f"and {len(of_group) - MOST_TOLD} more; --json tells all"
-                lines.append(told_step(CheckResult(group, "failed", more)))
-        elif group in found.looked_at:
-            lines.append(told_step(CheckResult(group, "ok", found.looked_at[group])))
+            lines += [format_step(_step(finding)) for finding in of_group[:MAX_REPORTED]]
+            if len(of_group) > MAX_REPORTED:
+                more = f"and {len(of_group) - MAX_REPORTED} more; --json lists all"
+                lines.append(format_step(CheckResult(group, "failed", more)))
+        elif group in found.checked:
+            lines.append(format_step(CheckResult(group, "ok", found.checked[group])))
         else:
-            lines.append(told_step(CheckResult(group, "skipped", "not looked at")))
-    if not found.findings and "recordings" not in found.looked_at:
-        lines.append("Nothing is wrong, but no service has used this folder yet: is it the one?")
+            lines.append(format_step(CheckResult(group, "skipped", "not checked")))
+    if not found.findings and "recordings" not in found.checked:
+        lines.append("No problem was found, but no service has used this folder yet: check that it is the right one.")
     elif not found.findings:
-        lines.append("The store is well.")
+        lines.append("No problem was found.")
     else:
-        mendable = sum(finding.repairable for finding in found.findings)
-        lines.append(f"{len(found.findings)} findings, of which --repair sees to {mendable}.")
+        repairable = sum(finding.repairable for finding in found.findings)
+        lines.append(f"{len(found.findings)} findings; --repair can repair {repairable} of them.")
     return "\n".join(lines)
 
 

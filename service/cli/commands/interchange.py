@@ -1,4 +1,4 @@
-"""The commands that are about other programs' files: `pointchain import` and `export`."""
+"""The commands for files of other programs: `pointchain import` and `export`."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One live scan by the configured cell, without a server: `pointchain scan`."""
+"""`pointchain scan`: one live scan by the configured cell, without a server."""
 
 import json
 import sys
@@ -21,132 +21,150 @@ from cell.recording.errors import RecordingEmptyError
 from cell.recording.writer import RecordingExistsError, RecordingWriter, read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
-from service.cli.robot_task import EndedEarlyError, with_moving_cell
+from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
 from service.processing.results import check_radius
 from service.processing.worker import RecognitionWorker
 from service.processing.worker_main import Task
-from service.signals import STOPPED_CODE
+from service.signals import INTERRUPTED_EXIT_CODE
 from service.storage.data_folder import MODEL, PREVIEW
 
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 
 
-class ToldProgress:
-    """Tells a person how a scan goes, and lets no move begin once a stop was asked for."""
+class ScanProgress:
+    """Reports the progress of a scan, and prevents the next move after a stop request."""
 
-    def __init__(self, plan: ViewpointPlan, say: Say, stop_asked: threading.Event) -> None:
-        self.reasons: list[str] = []
-        """Which views are missing, and why; they become warnings of the model."""
-        self._say, self._stop_asked = say, stop_asked
+    def __init__(self, plan: ViewpointPlan, report: Report, stop_requested: threading.Event) -> None:
+        self.missing_views: list[str] = []
+        """Message about each missing view, with the reason. They become warnings of the model."""
+        self._report, self._stop_requested = report, stop_requested
         self._views, self._taken = len(plan.viewpoints), 0
 
     def moving(self, index: int) -> None:
-        """The arm is about to move. Raises StoppedError."""
-        if self._stop_asked.is_set():  # before the cell was at work, so that it knows of none
+        """Report the next move.
+
+        Raises:
+            StoppedError: A stop was requested.
+        """
+        if self._stop_requested.is_set():  # a stop before the cell received the request does not cancel it
             raise StoppedError("stopped by request")
-        self._say(f"moving to viewpoint {index}")
+        self._report(f"moving to viewpoint {index}")
 
     def recorded(self, index: int) -> None:
-        """The view is on the disk."""
+        """Report that the view is on the disk."""
         self._taken += 1
-        self._say(f"view {index} recorded, {self._taken} of {self._views}")
+        self._report(f"view {index} recorded, {self._taken} of {self._views}")
 
     def missing(self, index: int, reason: str) -> None:
-        """There is no such view."""
-        self.reasons.append(missing_view(index, reason))
-        self._say(self.reasons[-1])
+        """Report that the viewpoint has no view."""
+        self.missing_views.append(missing_view(index, reason))
+        self._report(self.missing_views[-1])
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """One scan, as somebody asks for it."""
+class ScanOptions:
+    """Options of one scan."""
 
     recording: Path | None = None
-    """A new file; None: not kept."""
+    """New file for the recording. None: it is not kept."""
     radius_m: float | None = None
-    """Of the string; None: as configured, or estimated."""
+    """Radius of the strings. None: the configured one, or else it is measured."""
     method: Method = "graph"
+    """Method of recognition."""
     views: int | None = None
-    """None: as many as configured."""
+    """Number of viewpoints. None: the configured number."""
     gripper: Gripper = field(default_factory=Gripper)
-    limit_s: float = LimitsConfig().recognition_s
-    """Recognition may take so long after the last view."""
+    """Gripper for which grasps are computed."""
+    timeout_s: float = LimitsConfig().recognition_s
+    """Timeout of the recognition after the last view."""
 
 
 def take_scan(
-    cell: Cell, worker: RecognitionWorker, wanted: Wanted, say: Say, stop_asked: threading.Event
+    cell: Cell, worker: RecognitionWorker, options: ScanOptions, report: Report, stop_requested: threading.Event
 ) -> dict[str, Any]:
-    """A scan by `cell`; connects first if need be. The arm is home on return.
+    """Scan with a cell, and connect it first if needed. The arm is home when this returns.
 
-    Gives the model as JSON. Recognition has a process of its own, of `worker`: in this one it would keep the arm
-    waiting for its watchdog. Whoever wants it ended sets `stop_asked`, stops the cell and kills the worker, from
-    another thread; the views taken stay in the file.
+    Recognition runs in the process of `worker`: in this process it would delay the watchdog signals of the arm. To end
+    the scan, another thread sets `stop_requested`, stops the cell and kills the worker. The views taken until then stay
+    in the file.
+
+    Args:
+        cell: The cell.
+        worker: Process for the recognition.
+        options: Options of the scan.
+        report: Receives the progress messages.
+        stop_requested: Event that prevents the next move.
+
+    Returns:
+        The model as JSON values.
 
     Raises:
-        CellError: the scan cannot be done, or ended early.
-        TaskFailedError: recognition gave no result; all views are in the file.
-        RecordingError, OSError: the file cannot be written.
-        RecognitionError: the radius cannot be used.
+        CellError: The scan cannot be started, or ended early.
+        TaskFailedError: Recognition gave no result. All views are in the file.
+        RecordingError: The file exists, or cannot be written.
+        OSError: The file cannot be written.
+        RecognitionError: The radius cannot be used.
     """
-    radius, kept = check_radius(wanted.radius_m, cell.settings.scan.string_radius_m), wanted.recording
-    if kept is not None and kept.exists():
-        raise RecordingExistsError(f"{kept} exists already; recordings are never overwritten")
-    say("connecting, planning")
-    with ThreadPoolExecutor(1) as pool:  # left when the process has started, or ended
+    radius, recording = check_radius(options.radius_m, cell.settings.scan.string_radius_m), options.recording
+    if recording is not None and recording.exists():
+        raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
+    report("connecting, planning")
+    with ThreadPoolExecutor(1) as pool:  # the block ends when the process has started or ended
         started = pool.submit(worker.start)
         try:
-            prepared = cell.prepare_scan(wanted.views, time.monotonic())
+            prepared = cell.prepare_scan(options.views, time.monotonic())
             started.result()
         except BaseException:
             worker.kill()
             raise
     with TemporaryDirectory(prefix="pointchain-") as folder:
-        told = ToldProgress(prepared.plan, say, stop_asked)
+        progress = ScanProgress(prepared.plan, report, stop_requested)
         header = replace(prepared.header, string_radius_m=radius)
         results = Path(folder) / "results"
-        task = Task(header, radius, wanted.method, wanted.gripper, results, Path(folder) / PREVIEW)
+        task = Task(header, radius, options.method, options.gripper, results, Path(folder) / PREVIEW)
         with (
-            RecordingWriter(kept or Path(folder) / "scan.mcap", header) as writer,
-            cell.run(prepared, writer, told) as taken,
+            RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
+            cell.run(prepared, writer, progress) as views,
         ):
-            worker.run(task, lambda _: None, wanted.limit_s, taken, told.reasons)
+            worker.run(task, lambda _: None, options.timeout_s, views, progress.missing_views)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     return model
 
 
-def scan_once(settings: CellSettings, wanted: Wanted) -> int:
-    """One scan; its model as one line of JSON on stdout, or `{"schema", "error"}`.
+def run_scan(settings: CellSettings, options: ScanOptions) -> int:
+    """Scan, and print the model to stdout as one line of JSON, or a document with `schema` and `error`.
 
-    0 when there is a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
+    Returns:
+        The exit code: 0 with a model, 130 after Ctrl-C or SIGTERM, which stop the arm, else 1.
     """
     with closing(RecognitionWorker()) as worker:
         try:
-            document = with_moving_cell(
+            document = run_with_cell(
                 settings,
-                lambda cell, stop: take_scan(cell, worker, wanted, _say, stop),
-                wanted.recording or "the recording",
+                lambda cell, stop: take_scan(cell, worker, options, _report, stop),
+                options.recording or "the recording",
                 worker.kill,
             )
             code = 0
         except EndedEarlyError as error:
             problem, code = error.problem, error.code
-            if code == STOPPED_CODE and wanted.recording and wanted.recording.exists():
-                problem["detail"] += _kept(wanted.recording)
+            if code == INTERRUPTED_EXIT_CODE and options.recording and options.recording.exists():
+                problem["detail"] += _describe_recording(options.recording)
             document = {"schema": SCHEMA, "error": problem}
     print(json.dumps(document, allow_nan=False), flush=True)
     if code != 0:
-        _say(document["error"]["detail"])
+        _report(document["error"]["detail"])
         return code
-    _say(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
-    for told in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
-        _say(told)
+    _report(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
+    for message in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
+        _report(message)
     return code
 
 
-def _kept(recording: Path) -> str:
-    """What there is of a scan that was stopped; a recording without any view is removed, so that its name is free."""
+def _describe_recording(recording: Path) -> str:
+    """Describe the recording of a stopped scan. Remove a recording without views, so that its name is free again."""
     try:
         count = len(read_recording(recording).views)
     except RecordingEmptyError:
@@ -155,5 +173,5 @@ def _kept(recording: Path) -> str:
     return f"; the views taken until then are in {recording}: {count}"
 
 
-def _say(words: str) -> None:
-    print(f"pointchain scan: {words}", file=sys.stderr)
+def _report(message: str) -> None:
+    print(f"pointchain scan: {message}", file=sys.stderr)

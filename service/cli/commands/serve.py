@@ -1,4 +1,4 @@
-"""`pointchain serve`: the HTTP service in front of a socket."""
+"""`pointchain serve`: run the HTTP service on a TCP socket."""
 
 import errno
 import logging
@@ -10,32 +10,38 @@ from pathlib import Path
 
 from service.app import create_app
 from service.config.loader import ServiceConfig
-from service.logs.setup import start_log
-from service.security.auth.allowed_hosts import called_by
+from service.logs.setup import configure_logging
+from service.security.auth.allowed_hosts import local_address
 from service.security.auth.bind_policy import check_binding
-from service.server.file_limit import raise_open_files
-from service.server.heartbeat import Supervised
+from service.server.file_limit import raise_file_limit
+from service.server.heartbeat import SupervisorLink
 from service.server.uvicorn_server import Server
 from service.storage.data_folder import DataFolder, DataFolderError
 
 log = logging.getLogger(__name__)
 
-SWITCH_S = 0.001
-"""A thread that waits for the interpreter gets it after so long. With Python's own 5 ms, whoever moves the arm waits
-too long for its turns when many clients ask: its controller then ends the motion."""
+SWITCH_INTERVAL_S = 0.001
+"""Switch interval of Python's threads. With the default 5 ms, the thread that moves the arm waits too long when many
+clients send requests, and the controller ends the motion."""
 
 
-def serve(config: ServiceConfig, line: int | None = None) -> int:
-    """Serves until SIGINT or SIGTERM; 0 when it ended in order, 1 when it could not start.
+def serve(config: ServiceConfig, supervisor_fd: int | None = None) -> int:
+    """Serve until SIGINT or SIGTERM.
 
-    `line`: number of the socket to a supervisor; when that ends, the service does too.
+    Args:
+        config: The configuration.
+        supervisor_fd: File descriptor of the socket to the supervisor. When the supervisor ends, the service ends too.
+            None: no supervisor.
+
+    Returns:
+        The exit code: 0 after an orderly end, 1 if the service could not start.
     """
     binding = check_binding(config.host, config.data_dir, config.security.allowed_hosts)
     if binding.refusal is not None:
         print(f"pointchain serve: {binding.refusal}", file=sys.stderr)
         return 1
     try:
-        # Taken for a moment: inside the server the same refusal would come as a traceback.
+        # opened and closed here, because inside the server the same error would be a traceback
         DataFolder(config.data_dir).close()
     except DataFolderError as error:
         print(f"pointchain serve: {error}", file=sys.stderr)
@@ -44,49 +50,49 @@ def serve(config: ServiceConfig, line: int | None = None) -> int:
         listening = _listen(config.host, config.port)
     except OSError as error:
         where = f"{config.host}:{config.port}"
-        print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}{_remedy(error)}", file=sys.stderr)
+        print(f"pointchain serve: cannot listen on {where}: {error.strerror or error}{_advice(error)}", file=sys.stderr)
         return 1
-    as_log = start_log(config.log.format, config.log.level) == "json"
+    as_log = configure_logging(config.log.format, config.log.level) == "json"
     if binding.note is not None:
-        _tell(f"pointchain serve: {binding.note}", as_log)
-    _tell(_where(config.host, listening.getsockname()[1], config.data_dir), as_log)
-    raise_open_files()
-    supervised = None if line is None else Supervised(line)
+        _announce(f"pointchain serve: {binding.note}", as_log)
+    _announce(_address_line(config.host, listening.getsockname()[1], config.data_dir), as_log)
+    raise_file_limit()
+    supervised = None if supervisor_fd is None else SupervisorLink(supervisor_fd)
     if supervised is not None:
-        supervised.when_it_ends(lambda: os.kill(os.getpid(), signal.SIGTERM))
-    sys.setswitchinterval(SWITCH_S)
+        supervised.on_supervisor_exit(lambda: os.kill(os.getpid(), signal.SIGTERM))
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
     server = Server(create_app(config), supervised, log_config=None, access_log=False)
     with listening:
         server.run(sockets=[listening])
     return 0 if server.started else 1
 
 
-def _tell(words: str, as_log: bool) -> None:
-    """Where the log is for programs, everything on stderr is its; whatever its level, as on a terminal."""
+def _announce(message: str, as_log: bool) -> None:
+    """Print a message to stderr, or log it at any log level if stderr has JSON lines only."""
     if as_log:
         log.setLevel(logging.INFO)
-        log.info("%s", words)
+        log.info("%s", message)
     else:
-        print(words, file=sys.stderr)
+        print(message, file=sys.stderr)
 
 
-def _where(host: str, port: int, data_dir: Path) -> str:
-    name = called_by(host)
+def _address_line(host: str, port: int, data_dir: Path) -> str:
+    name = local_address(host)
     return f"pointchain: http://{f'[{name}]' if ':' in name else name}:{port} (API: /docs), data in {data_dir}"
 
 
-def _remedy(error: OSError) -> str:
-    """What to do where another program has the port."""
+def _advice(error: OSError) -> str:
+    """Return what to do if another program uses the port."""
     if error.errno != errno.EADDRINUSE:
         return ""
-    return ": end what listens there, or take another port, as by --port 8001 or POINTCHAIN_PORT=8001"
+    return ": stop the program that listens there, or use another port, as by --port 8001 or POINTCHAIN_PORT=8001"
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Taken before the service starts, so that a port in use is told in plain words, and 0 has become a port."""
+    """Open the socket, before the service starts: a used port gives a plain message, and port 0 becomes a number."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listening = socket.create_server((host, port), family=family)
-    # asyncio sets this only where it makes the socket itself; without it every answer would wait 40 ms for the client's
-    # delayed acknowledgement, since head and body are sent one after the other.
+    # asyncio sets this only on sockets that it creates; without it every response, whose head and body are sent one
+    # after the other, would wait 40 ms for the client's delayed acknowledgement
     listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listening

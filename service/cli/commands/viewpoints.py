@@ -1,4 +1,4 @@
-"""`pointchain viewpoints`: from where the cell would look, and what it cannot reach. Nothing moves or is asked."""
+"""`pointchain viewpoints`: plan the viewpoints of the cell, and print which are reachable. No device is used."""
 
 import json
 import sys
@@ -13,21 +13,28 @@ from cell.planning.viewpoints import ViewpointPlan, require_enough
 from service.config.loader import ConfigError, load_config
 
 
-def show_viewpoints(config_file: Path | None, views: int | None, picture: Path | None, as_json: bool) -> int:
-    """Plans the viewpoints of the configured cell from its home posture, and prints them, one a line.
+def plan_viewpoints(config_file: Path | None, views: int | None, picture: Path | None, as_json: bool) -> int:
+    """Plan the viewpoints of the configured cell from its home posture, and print them.
 
-    0 when enough of them can be reached, else 1. With `picture`, a PNG file is drawn too.
+    Args:
+        config_file: Configuration of the cell. None: the default one.
+        views: Number of viewpoints. None: the configured number.
+        picture: PNG file to write. None: no picture.
+        as_json: Print JSON instead of a table.
+
+    Returns:
+        The exit code: 0 if enough viewpoints are reachable, else 1.
     """
     try:
         config = load_config(config_file)
         if file_in_use(config.cell.hand_eye) is not None:
             for warning in hand_eye_in_use(config.cell.hand_eye, None).warnings:
                 print(f"pointchain viewpoints: {warning}", file=sys.stderr)
-        with_cell = Cell(config.cell)
+        cell = Cell(config.cell)
         try:
-            plan = with_cell.plan(views)
+            plan = cell.plan(views)
         finally:
-            with_cell.close()
+            cell.close()
         if picture is not None:
             from cell.planning.plan_plot import draw_plan
 

@@ -1,14 +1,16 @@
-// Makes ../built of these sources, and says what it weighs.
+// Builds ../built from these sources, and prints the size of each file.
 import { build } from "esbuild";
 import { cp, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { gzipSync } from "node:zlib";
+import { generateTextTypes } from "./texts.mjs";
 
 const BUILT = "../built";
 const STATIC = ["index.html", "icon.svg"];
 
 await rm(BUILT, { recursive: true, force: true });
 await mkdir(BUILT, { recursive: true });
+await generateTextTypes();
 await build({
   entryPoints: ["src/stop.ts", "src/main.tsx"],
   outdir: BUILT,
@@ -23,7 +25,7 @@ await build({
   legalComments: "none",
   logLevel: "warning",
 });
-// The licences ask to go along with what is made of the packages.
+// The licences require that they are distributed with the built packages.
 const { dependencies } = JSON.parse(await readFile("package.json", "utf8"));
 const licences = Object.keys(dependencies).map(async (name) => {
   const text = await readFile(join("node_modules", name, "LICENSE"), "utf8");

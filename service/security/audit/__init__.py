@@ -1,1 +1,1 @@
-"""The audit log: who did what, when, and what came of it."""
+"""The audit log: who requested what, when, and with which result."""

@@ -1,4 +1,4 @@
-"""What was done on the command line, in the audit log of the service; also while that runs."""
+"""Audit log entries of the command line. They can be written while the service runs."""
 
 import sqlite3
 from contextlib import closing
@@ -10,22 +10,31 @@ from service.security.auth.caller import LOCAL
 from service.storage.data_folder import DATABASE
 from service.storage.database import now
 
-WAIT_S = 2.0
-"""A database that somebody else holds is waited for so long."""
+DATABASE_TIMEOUT_S = 2.0
+"""Timeout for a database that another program has locked."""
 
-CONSOLE = "console"
+COMMAND_LINE = "console"
+"""Name of the command line in the audit log."""
 UNKNOWN = "unknown"
 
 
-def note_from_console(data_dir: Path, what: str) -> str | None:
-    """Adds an entry, as `token add anna operator`. None: it is on the disk; else why the log has no entry of it."""
+def record_command(data_dir: Path, what: str) -> str | None:
+    """Write an entry for a command.
+
+    Args:
+        data_dir: The data folder.
+        what: The command, such as `token add anna operator`.
+
+    Returns:
+        None if the entry is on the disk, else the reason why it was not written.
+    """
     path = data_dir / DATABASE
     if not path.is_file():
         return f"there is no {path} yet"
-    # Whoever may change the data folder may do everything, as who is on this machine while there is no token.
-    entry = Entry(now(), CONSOLE, LOCAL.role, what, None, UNKNOWN, 0, None)
+    # A user who may change the data folder may do everything, like a local client without tokens.
+    entry = Entry(now(), COMMAND_LINE, LOCAL.role, what, None, UNKNOWN, 0, None)
     try:
-        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", WAIT_S, uri=True)) as db:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", DATABASE_TIMEOUT_S, uri=True)) as db:
             db.execute("PRAGMA synchronous = FULL")
             with db:
                 db.execute(INSERT, astuple(entry))

@@ -1,7 +1,7 @@
-"""Who did what, when, and what came of it: the table `audit`, which is only ever added to.
+"""The table `audit`: who requested what, when, and with which result. Rows are only ever added.
 
-A thread of its own writes it. What the database does not take at once waits in memory and is written later, so that a
-database that another program holds keeps nobody from stopping the arm.
+A thread writes the table. Entries that the database does not accept at once wait in memory, so that a stop request
+never waits for a database that another program has locked.
 """
 
 import asyncio
@@ -16,22 +16,23 @@ from dataclasses import astuple, dataclass, fields, replace
 from itertools import islice
 from pathlib import Path
 
-from service.security.audit.repeats import Repeats
+from service.security.audit.repeats import RepeatCounter
 from service.storage.database import now
 
 log = logging.getLogger(__name__)
 
-AT_ONCE_S = 0.5
-"""An answer waits so long for its entry to be on the disk."""
+WRITE_TIMEOUT_S = 0.5
+"""Maximum time for which an answer waits until its entry is on the disk."""
 RETRY_S = 0.5
-"""How long the database is waited for, and how long until it is tried again."""
-ENDING_S = 1.0
-"""At the end of the service, what is left is tried for so long."""
-PENDING_MOST = 10_000
-"""So many entries wait in memory; later ones are lost, which the log tells."""
-BATCH = 500
+"""Timeout for a locked database, and delay before the next attempt."""
+CLOSE_TIMEOUT_S = 1.0
+"""Timeout for writing the remaining entries at the end of the service."""
+MAX_PENDING = 10_000
+"""Maximum number of entries in memory. Further entries are lost, which is logged."""
+BATCH_SIZE = 500
 
 SERVICE = "service"
+"""Name of the service itself in the audit log."""
 
 
 @dataclass(frozen=True)
@@ -40,56 +41,65 @@ class Entry:
 
     at: str
     who: str
-    """A token's name, `local`, `service`, `console` for the command line, or the address of somebody who did not say
-    who he is."""
+    """Name of the token, `local`, `service`, `console` for the command line, or the address of an unknown client."""
     role: str
     what: str
-    """As `POST /api/scans`."""
+    """Method and path of the request, such as `POST /api/scans`."""
     scan: str | None
-    """The one that was started or stopped; else the one that the address names."""
+    """Id of the scan that was started or stopped, else of the scan in the path."""
     cell: str
-    """The cell's state at that moment; `unknown` to the command line."""
+    """State of the cell at that time. For the command line, it is `unknown`."""
     status: int
-    """Of the answer; 0: there was none."""
+    """Status of the answer, or 0 if there was none."""
     result: str | None
-    """The problem's slug; `replayed`: an earlier request with this idempotency key had done it; None: it was done."""
+    """Slug of the problem, or None if the request succeeded.
+
+    `replayed` means that an earlier request with the same idempotency key did the work.
+    """
 
 
 INSERT = f"INSERT INTO audit ({', '.join(field.name for field in fields(Entry))}) VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 
 
 class AuditLog:
-    """The log as the service writes it. Safe to use from any thread."""
+    """The writer of the audit log. Safe to use from any thread."""
 
     def __init__(self) -> None:
         self._cell_state: Callable[[], str] = lambda: "not_ready"
         self._pending: deque[tuple[Entry, Callable[[], None] | None]] = deque()
+        """Entries that are not written, each with a callback for when it is."""
         self._changed = threading.Condition()
-        self._repeats = Repeats()
+        self._repeats: RepeatCounter[Entry] = RepeatCounter()
         self._thread: threading.Thread | None = None
         self._closing = False
-        self._behind = False
+        self._delayed = False
+        """Whether the database did not accept the last batch."""
         self._lost = 0
 
     def start(self, database: Path, cell_state: Callable[[], str]) -> None:
-        """Begins to write. The tables must be there; `cell_state` is asked for each entry and must answer at once."""
+        """Start to write.
+
+        Args:
+            database: The database, with its tables.
+            cell_state: Returns the state of the cell for each entry. It must not block.
+        """
         self._cell_state = cell_state
         self._thread = threading.Thread(target=self._write, args=(database,), name="audit", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Writes what is left, as far as the database takes it."""
+        """Write the remaining entries, if the database accepts them in time."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         if self._thread is not None:
-            # Its last try may just have begun to wait for the database.
-            self._thread.join(ENDING_S + 2 * RETRY_S)
+            # The last attempt may have started just before the timeout.
+            self._thread.join(CLOSE_TIMEOUT_S + 2 * RETRY_S)
         with self._changed:
             if lost := len(self._pending) + self._lost:
-                log.error("the audit log has lost %d entries: the database did not take them", lost)
+                log.error("the audit log has lost %d entries, because the database did not accept them", lost)
 
-    def note(
+    def add(
         self,
         who: str,
         what: str,
@@ -99,60 +109,78 @@ class AuditLog:
         status: int = 0,
         result: str | None = None,
     ) -> None:
-        """Adds an entry; returns at once, it is written later."""
-        self._add(self._entry(who, role, what, scan, status, result), None)
+        """Add an entry and return at once. It is written later."""
+        self._append(self._entry(who, role, what, scan, status, result), None)
 
     async def record(
         self, who: str, role: str, what: str, scan: str | None, status: int, result: str | None, wait: bool
     ) -> None:
-        """Adds an entry; with `wait`, returns when it is on the disk, or cannot be at once."""
+        """Add an entry.
+
+        Args:
+            who: Name of the caller.
+            role: Role of the caller.
+            what: Method and path of the request.
+            scan: Id of the scan that the request is about.
+            status: Status of the answer.
+            result: Slug of the problem, `replayed`, or None.
+            wait: Whether to return only when the entry is on the disk, or cannot be written at once.
+        """
         entry = self._entry(who, role, what, scan, status, result)
         if wait:
-            await self._add_and_wait(entry)
+            await self._append_and_wait(entry)
         else:
-            self._add(entry, None)
+            self._append(entry, None)
 
-    async def refused(self, who: str, role: str, what: str, alike: str, status: int, result: str | None) -> None:
-        """Adds a refusal as `record` does, unless one of `alike` was added a moment ago: those are counted, and written
-        as one."""
+    async def record_refusal(self, who: str, role: str, what: str, group: str, status: int, result: str | None) -> None:
+        """Add the entry of a refused request. Repeated refusals are counted and written as one entry.
+
+        Args:
+            who: Name of the caller.
+            role: Role of the caller.
+            what: Method and path of the request.
+            group: Refusals of the same caller, group, status and result count as repeated.
+            status: Status of the answer.
+            result: Slug of the problem.
+        """
         entry = self._entry(who, role, what, None, status, result)
-        if self._repeats.first((who, alike, status, result), entry, time.monotonic()):
-            await self._add_and_wait(entry)
+        if self._repeats.is_first((who, group, status, result), entry, time.monotonic()):
+            await self._append_and_wait(entry)
 
-    async def _add_and_wait(self, entry: Entry) -> None:
-        if self._behind or self._thread is None:
-            self._add(entry, None)
+    async def _append_and_wait(self, entry: Entry) -> None:
+        if self._delayed or self._thread is None:
+            self._append(entry, None)
             return
         loop = asyncio.get_running_loop()
         written = loop.create_future()
 
-        def tell() -> None:
+        def set_written() -> None:
             if not written.done():
                 written.set_result(None)
 
-        def tell_from_there() -> None:
-            loop.call_soon_threadsafe(tell)
+        def notify_loop() -> None:
+            loop.call_soon_threadsafe(set_written)
 
-        self._add(entry, tell_from_there)
+        self._append(entry, notify_loop)
         with suppress(TimeoutError):
-            await asyncio.wait_for(written, AT_ONCE_S)
+            await asyncio.wait_for(written, WRITE_TIMEOUT_S)
 
     def _entry(self, who: str, role: str, what: str, scan: str | None, status: int, result: str | None) -> Entry:
         return Entry(now(), who, role, what, scan, self._cell_state(), status, result)
 
-    def _add(self, entry: Entry, written: Callable[[], None] | None) -> None:
+    def _append(self, entry: Entry, on_written: Callable[[], None] | None) -> None:
         with self._changed:
-            if len(self._pending) >= PENDING_MOST:
+            if len(self._pending) >= MAX_PENDING:
                 if not self._lost:
-                    log.error("the audit log loses entries: the database does not take them")
+                    log.error("the audit log loses entries, because the database does not accept them")
                 self._lost += 1
                 return
-            self._pending.append((entry, written))
+            self._pending.append((entry, on_written))
             self._changed.notify_all()
 
     def _write(self, database: Path) -> None:
-        """Until the end: whatever there is, as one change."""
-        give_up: float | None = None
+        """Write the pending entries in batches, each in one transaction, until the log is closed."""
+        deadline: float | None = None
         with closing(sqlite3.connect(database, RETRY_S)) as db:
             db.execute("PRAGMA synchronous = FULL")
             while True:
@@ -160,46 +188,47 @@ class AuditLog:
                     if not self._pending and not self._closing:
                         self._changed.wait(timeout=self._repeats.window_s)
                     ending = self._closing
-                for entry, times in self._repeats.ended(time.monotonic(), everything=ending):
-                    self._add(_repeated(entry, times), None)
+                for entry, times in self._repeats.pop_ended(time.monotonic(), everything=ending):
+                    self._append(_repeated(entry, times), None)
                 with self._changed:
-                    batch = list(islice(self._pending, BATCH))
+                    batch = list(islice(self._pending, BATCH_SIZE))
                 if batch:
-                    self._behind = not self._insert(db, [entry for entry, _ in batch])
-                    if not self._behind:
-                        self._done(batch)
+                    self._delayed = not self._insert(db, [entry for entry, _ in batch])
+                    if not self._delayed:
+                        self._remove_written(batch)
                 elif ending:
                     return
-                if self._behind:
+                if self._delayed:
                     if ending:
-                        give_up = give_up or time.monotonic() + ENDING_S
-                        if time.monotonic() > give_up:
+                        deadline = deadline or time.monotonic() + CLOSE_TIMEOUT_S
+                        if time.monotonic() > deadline:
                             return
                     time.sleep(RETRY_S / 10 if ending else RETRY_S)
 
     def _insert(self, db: sqlite3.Connection, entries: list[Entry]) -> bool:
-        """Writes entries; says whether they are done with."""
+        """Write a batch; return False if it must be written again."""
         try:
             with db:
                 db.executemany(INSERT, [astuple(entry) for entry in entries])
         except sqlite3.Error as error:
-            log.log(logging.DEBUG if self._behind else logging.WARNING, "the audit log is written later: %s", error)
+            level = logging.DEBUG if self._delayed else logging.WARNING
+            log.log(level, "entries of the audit log wait in memory and are written later: %s", error)
             return False
-        except ValueError:  # a text that is no Unicode would be in the way of all others for ever
+        except ValueError:  # text that is not valid Unicode would block all later entries for ever
             log.exception("%d entries of the audit log cannot be written", len(entries))
         return True
 
-    def _done(self, batch: list[tuple[Entry, Callable[[], None] | None]]) -> None:
+    def _remove_written(self, batch: list[tuple[Entry, Callable[[], None] | None]]) -> None:
         with self._changed:
             for _ in batch:
                 self._pending.popleft()
             lost, self._lost = self._lost, 0
         if lost:
-            log.error("the audit log has lost %d entries while the database did not take them", lost)
-        for _, written in batch:
-            if written is not None:
+            log.error("the audit log has lost %d entries while the database did not accept them", lost)
+        for _, on_written in batch:
+            if on_written is not None:
                 with suppress(RuntimeError):  # the event loop has ended
-                    written()
+                    on_written()
 
 
 def _repeated(entry: Entry, times: int) -> Entry:

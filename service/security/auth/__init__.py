@@ -1,1 +1,1 @@
-"""Authentication and authorisation: tokens, roles, and the names by which the service may be called."""
+"""Authentication and authorisation: tokens, roles, and the host names by which the service may be called."""

@@ -1,7 +1,7 @@
-"""By which names the service may be called.
+"""The host names by which the service may be called.
 
-Also on loopback: a page from elsewhere can have its own name point to 127.0.0.1, and its scripts would then speak to
-the service as to their own (DNS rebinding). The browser sends that name as Host.
+They are checked on loopback too. A web page of another site can make its own name point to 127.0.0.1, and its scripts
+would then have access to the service as to their own site (DNS rebinding). The browser sends that name as Host.
 """
 
 import ipaddress
@@ -12,50 +12,57 @@ from functools import lru_cache
 from starlette.types import Scope
 
 from service.problems.problem_error import ProblemError
-from service.security.auth.credential import header
+from service.security.auth.credential import header_values
 
 ANY_ADDRESS = ("0.0.0.0", "::", "")
-"""Listened on, not called by."""
+"""Addresses to listen on for all interfaces. No client calls the service by them."""
 _HOST = re.compile(r"(?:\[(?P<v6>[0-9A-Fa-f:.]+)\]|(?P<name>[A-Za-z0-9._-]+))(?::[0-9]{1,5})?", re.ASCII)
 
 
-@lru_cache(maxsize=64)  # the same few are asked for at each request
+@lru_cache(maxsize=64)  # each request asks for one of a few names
 def is_loopback(host: str) -> bool:
-    """Whether a name or address means this machine to itself alone."""
+    """Return whether a name or address is that of the loopback interface."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
 
 
-def called_by(listening: str) -> str:
-    """The name or address by which whoever is on this machine calls a service that listens there."""
-    if listening in ANY_ADDRESS:
-        return "::1" if ":" in listening else "127.0.0.1"
-    return listening
+def local_address(listen_host: str) -> str:
+    """Return the name or address by which a client on this machine reaches a service that listens there."""
+    if listen_host in ANY_ADDRESS:
+        return "::1" if ":" in listen_host else "127.0.0.1"
+    return listen_host
 
 
 class AllowedHosts:
-    """Loopback's names, the address listened on, and those of the configuration; any port."""
+    """The allowed values of the header Host: the names of loopback, the listen address and the configured names.
 
-    def __init__(self, listening: str, more: Sequence[str]) -> None:
-        own = () if listening in ANY_ADDRESS else (listening,)
-        self._names = frozenset(_same(name.strip("[]")) for name in (*own, *more))
+    Any port is allowed.
+    """
+
+    def __init__(self, listen_host: str, configured: Sequence[str]) -> None:
+        own = () if listen_host in ANY_ADDRESS else (listen_host,)
+        self._names = frozenset(_normalise(name.strip("[]")) for name in (*own, *configured))
 
     def __contains__(self, host: str) -> bool:
-        """`host` as in the header, with or without a port."""
+        """Return whether a value of the header, with or without a port, is allowed."""
         found = _HOST.fullmatch(host)
         if found is None:
             return False
-        name = _same(found["v6"] or found["name"])
+        name = _normalise(found["v6"] or found["name"])
         return name in self._names or is_loopback(name)
 
     def check(self, scope: Scope) -> None:
-        """Raises ProblemError: `host-not-allowed`, or `bad-request` without a host."""
-        given = header(scope, b"host")
-        if len(given) != 1:
-            raise ProblemError("bad-request", "a request needs one header Host")
-        if given[0].decode("latin-1") not in self:
+        """Check the header Host of a request.
+
+        Raises:
+            ProblemError: The host is not allowed (`host-not-allowed`), or there is not exactly one (`bad-request`).
+        """
+        hosts = header_values(scope, b"host")
+        if len(hosts) != 1:
+            raise ProblemError("bad-request", "the request must have exactly one header Host")
+        if hosts[0].decode("latin-1") not in self:
             raise ProblemError(
                 "host-not-allowed",
                 "the service may not be called by this name or address: add it to security.allowed_hosts of the "
@@ -64,8 +71,8 @@ class AllowedHosts:
 
 
 @lru_cache(maxsize=64)
-def _same(name: str) -> str:
-    """One spelling for each name and address."""
+def _normalise(name: str) -> str:
+    """Return the same spelling for all spellings of a name or address."""
     try:
         return ipaddress.ip_address(name).compressed
     except ValueError:

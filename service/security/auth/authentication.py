@@ -1,4 +1,4 @@
-"""Who asks, by what a request carries: a token in its header, the same in its cookie, or nothing at all."""
+"""Authentication of a request: by the token in its header, by the token in its cookie, or as a local client."""
 
 from dataclasses import dataclass
 
@@ -7,52 +7,65 @@ from starlette.types import Scope
 from service.problems.problem_error import ProblemError
 from service.security.auth.allowed_hosts import is_loopback
 from service.security.auth.caller import LOCAL, Caller
-from service.security.auth.credential import token_of, unauthorized
+from service.security.auth.credential import bearer_token, unauthorized
 from service.security.auth.session_cookie import token_in_cookie
 from service.security.auth.tokens import TokenFile
 
 
 @dataclass(frozen=True)
-class Known:
-    """Who asks."""
+class Identity:
+    """The caller of a request, and how the caller was identified."""
 
     caller: Caller
     by_cookie: bool = False
-    """A browser sends it by itself, whatever page makes it ask."""
+    """Whether a cookie identified the caller. A browser sends it by itself, whichever page makes the request."""
 
 
-class Callers:
-    """All who may ask, as the file of tokens has them at that moment."""
+class Authenticator:
+    """Identifies the caller of a request by the current content of the token file."""
 
     def __init__(self, tokens: TokenFile, local: bool) -> None:
-        """`local`: the service listens on loopback alone, where nobody has to say who he is while there is no token."""
+        """Create the authenticator.
+
+        Args:
+            tokens: The token file.
+            local: Whether the service listens on loopback only. Then no token is needed while there are no tokens.
+        """
         self._tokens, self._local = tokens, local
 
-    def with_token(self, token: str) -> Caller:
-        """Whose token it is. Raises ProblemError: `unauthorized`."""
-        known = self._tokens.find(token)
-        if known is None:
-            raise unauthorized("there is no such token, or it was removed: `pointchain token list` has all")
-        return Caller(known.name, known.role)
-
-    def known(self, scope: Scope) -> Known:
-        """Who asks. A token in the header counts, whatever the cookie says; a cookie whose token is no more is none.
+    def caller_of_token(self, token: str) -> Caller:
+        """Return the caller with a token.
 
         Raises:
-            ProblemError: `unauthorized`.
+            ProblemError: The token is unknown (`unauthorized`).
         """
-        if (token := token_of(scope)) is not None:
-            return Known(self.with_token(token))
-        if (token := token_in_cookie(scope)) is not None and (known := self._tokens.find(token)) is not None:
-            return Known(Caller(known.name, known.role), by_cookie=True)
-        if self._local and self._tokens.none and _from_loopback(scope):
-            return Known(LOCAL)
-        raise unauthorized("this needs a token: `pointchain token add` makes one; send it as Authorization: Bearer")
+        known = self._tokens.find(token)
+        if known is None:
+            raise unauthorized("there is no such token, or it was removed: `pointchain token list` shows all tokens")
+        return Caller(known.name, known.role)
 
-    def known_or_none(self, scope: Scope) -> Known | None:
-        """The same; None: nobody knows who asks."""
+    def identify(self, scope: Scope) -> Identity:
+        """Return the caller of a request.
+
+        A token in the header takes precedence over the cookie. A cookie with a removed token counts as no cookie.
+
+        Raises:
+            ProblemError: The caller is unknown (`unauthorized`).
+        """
+        if (token := bearer_token(scope)) is not None:
+            return Identity(self.caller_of_token(token))
+        if (token := token_in_cookie(scope)) is not None and (known := self._tokens.find(token)) is not None:
+            return Identity(Caller(known.name, known.role), by_cookie=True)
+        if self._local and self._tokens.is_empty and _from_loopback(scope):
+            return Identity(LOCAL)
+        raise unauthorized(
+            "this needs a token: make one with `pointchain token add`, and send it as Authorization: Bearer"
+        )
+
+    def identify_or_none(self, scope: Scope) -> Identity | None:
+        """Return the caller of a request, or None if the caller is unknown."""
         try:
-            return self.known(scope)
+            return self.identify(scope)
         except ProblemError:
             return None
 

@@ -1,4 +1,4 @@
-"""Who asks: known from the token that a request carries, before anything of its body is read."""
+"""The caller of a request. The token identifies the caller before any of the request's body is read."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,50 +9,63 @@ from starlette.types import Scope
 
 Role = Literal["viewer", "operator", "maintainer"]
 ROLES: tuple[Role, ...] = ("viewer", "operator", "maintainer")
-"""Each may do what those before it may: look, and stop the arm; scan; acknowledge faults and calibrate."""
+"""All roles. Each one may do what those before it may do.
+
+A viewer may read and stop the arm, an operator may also scan, and a maintainer may also acknowledge faults and
+calibrate.
+"""
 
 
 @dataclass(frozen=True)
 class Caller:
-    """Who asks, and what he may do."""
+    """The name and the role of a caller."""
 
     name: str
     role: Role
 
-    def may(self, least: Role) -> bool:
-        """Whether his role is `least` or more."""
-        return ROLES.index(self.role) >= ROLES.index(least)
+    def has_role(self, min_role: Role) -> bool:
+        """Return whether the caller's role is `min_role` or a higher one."""
+        return ROLES.index(self.role) >= ROLES.index(min_role)
 
     @property
     def local(self) -> bool:
-        """Nobody had to say who he is: there is no token, and he is on this machine."""
+        """Whether the caller is on this machine and needs no token, because there is none."""
         return self is LOCAL
 
 
 LOCAL = Caller("local", "maintainer")
-"""Everybody on this machine, as long as there is no token. No token has its name."""
+"""Every client on this machine while there is no token. No token may have this name."""
 
 
 def caller_of(request: HTTPConnection) -> Caller:
-    """Who asks; whatever is not open to everybody has a caller. Raises LookupError where it is."""
+    """Return the caller of a request to a route that is not public.
+
+    Raises:
+        LookupError: The route is public, so its callers are not identified.
+    """
     caller = known_caller(request.scope)
     if caller is None:
-        raise LookupError(f"{request.scope['path']} is open to everybody: nobody had to say who he is")
+        raise LookupError(f"{request.scope['path']} is public, so its callers are not identified")
     return caller
 
 
 def known_caller(scope: Scope) -> Caller | None:
-    """Who asks; None where everybody may, and where nobody was let in."""
+    """Return the caller of a request, or None if the route is public or the request was refused."""
     return scope.get("state", {}).get("caller")
 
 
-def is_nobodys(state: Mapping[str, Any]) -> bool:
-    """The request of this state was looked at, and has no caller: it asks for what is open to everybody, or is being
-    refused."""
+def is_anonymous(state: Mapping[str, Any]) -> bool:
+    """Return whether a request with this state was checked and has no caller.
+
+    Such a request is for a public route, or is being refused.
+    """
     return "call" in state and "caller" not in state
 
 
 def still_allowed(request: HTTPConnection) -> Callable[[], bool]:
-    """Whether who asks would be let in again: to be asked time and again where an answer goes on for long, in the event
-    loop's thread. Of whatever is not open to everybody."""
+    """Return a function that checks whether the caller would be let in again.
+
+    A long answer, such as an event stream, calls it repeatedly in the event loop's thread. The route must not be
+    public.
+    """
     return request.scope["state"]["still_allowed"]

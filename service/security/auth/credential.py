@@ -1,4 +1,4 @@
-"""The token that a request carries. The only place that knows where in a request it is."""
+"""The token in the header of a request."""
 
 from starlette.types import Scope
 
@@ -7,26 +7,26 @@ from service.problems.problem_error import ProblemError
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="pointchain"'}
 
 
-def header(scope: Scope, name: bytes) -> list[bytes]:
-    """All values of a header, named in lower case."""
+def header_values(scope: Scope, name: bytes) -> list[bytes]:
+    """Return all values of a header, whose name is given in lower case."""
     return [value for known, value in scope["headers"] if known == name]
 
 
-def token_of(scope: Scope) -> str | None:
-    """The token in the header `Authorization: Bearer TOKEN`; None: there is none.
+def bearer_token(scope: Scope) -> str | None:
+    """Return the token in the header `Authorization: Bearer TOKEN`, or None if there is no such header.
 
     Raises:
-        ProblemError: `unauthorized`, the header has something else.
+        ProblemError: The header has another form, or is repeated (`unauthorized`).
     """
-    given = header(scope, b"authorization")
-    if not given:
+    values = header_values(scope, b"authorization")
+    if not values:
         return None
-    scheme, _, token = given[0].decode("latin-1").strip().partition(" ")
-    if len(given) > 1 or scheme.lower() != "bearer" or not token.strip():
-        raise unauthorized("the header Authorization must be `Bearer TOKEN`, once")
+    scheme, _, token = values[0].decode("latin-1").strip().partition(" ")
+    if len(values) > 1 or scheme.lower() != "bearer" or not token.strip():
+        raise unauthorized("the request must have the header Authorization once, as `Bearer TOKEN`")
     return token.strip()
 
 
 def unauthorized(detail: str) -> ProblemError:
-    """The refusal of somebody who is not known."""
+    """Return the error for a request whose caller is unknown."""
     return ProblemError("unauthorized", detail, CHALLENGE)

@@ -1,4 +1,4 @@
-"""Which role each call needs at least. A call that is not listed here does not exist."""
+"""The minimum role for each call of the API. A call that is not listed here does not exist."""
 
 import re
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ MANUAL = "/manual"
 DOCS_FILES = "/static-offline-docs"
 CONSOLE_FILES = "/console"
 
-LEAST_ROLE: dict[str, Role | Literal["open"]] = {
-    # Whether it lives, and its description: nothing of the cell's or of the strings'.
+MIN_ROLE: dict[str, Role | Literal["open"]] = {
+    # Liveness, readiness and the description of the API. They reveal nothing about the cell or its strings.
     "GET /healthz": "open",
     "GET /readyz": "open",
     "GET /docs": "open",
@@ -23,12 +23,12 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     f"HEAD {DOCS_FILES}/{{path:path}}": "open",
     "GET /openapi.json": "open",
     "HEAD /openapi.json": "open",
-    # The manual: public text, which people also need to sign in.
+    # The manual is public text, which people also need before they sign in.
     f"GET {MANUAL}": "open",
     f"HEAD {MANUAL}": "open",
     f"GET {MANUAL}/{{path:path}}": "open",
     f"HEAD {MANUAL}/{{path:path}}": "open",
-    # The operator's console, which asks who signs in.
+    # The operator's console, which has the page to sign in.
     "GET /": "open",
     "HEAD /": "open",
     f"GET {CONSOLE_FILES}/{{path:path}}": "open",
@@ -36,7 +36,7 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /api/session": "open",
     "POST /api/session": "open",
     "DELETE /api/session": "open",
-    # Looking.
+    # Reading.
     "GET /metrics": "viewer",
     "GET /api/events": "viewer",
     "GET /api/cell": "viewer",
@@ -59,11 +59,11 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /api/calibration/runs": "viewer",
     "GET /api/calibration/runs/{id}": "viewer",
     "GET /api/calibration/runs/{id}/views/{index}.png": "viewer",
-    # Stopping: whoever sees that it must be.
+    # Stopping. Everyone who sees a danger must be able to.
     "POST /api/cell/stop": "viewer",
     "POST /api/scans/{id}/cancel": "viewer",
     "POST /api/calibration/runs/{id}/cancel": "viewer",
-    # Scanning, and what belongs to it.
+    # Scanning, and its preparation.
     "POST /api/cell/connect": "operator",
     "POST /api/cell/release": "operator",
     "POST /api/viewpoints/plan": "operator",
@@ -72,39 +72,39 @@ LEAST_ROLE: dict[str, Role | Literal["open"]] = {
     "POST /api/scans": "operator",
     "POST /api/scans/{id}/reprocess": "operator",
     "PUT /api/scans/{id}/keep": "operator",
-    # Saying that the cell is safe, or where the camera is.
+    # Acknowledging that the cell is safe, and calibrating the camera.
     "POST /api/cell/acknowledge": "maintainer",
     "POST /api/calibration/runs": "maintainer",
     "POST /api/calibration/verify": "maintainer",
     "POST /api/calibration/runs/{id}/activate": "maintainer",
 }
-"""Method and path of each call, to the least role."""
+"""Minimum role by method and path. An `open` call needs no token."""
 
-STOPS = frozenset(call for call in LEAST_ROLE if call.endswith(("/stop", "/cancel")))
-"""Those that nothing may delay."""
+STOP_CALLS = frozenset(call for call in MIN_ROLE if call.endswith(("/stop", "/cancel")))
+"""Calls that must never be delayed."""
 
 
 @dataclass(frozen=True)
 class Call:
-    """A call as the table has it."""
+    """A call in the table."""
 
     name: str
-    """As `GET /api/scans/{id}`."""
-    least: Role | None
-    """None: open to everybody."""
+    """Method and path, such as `GET /api/scans/{id}`."""
+    min_role: Role | None
+    """Minimum role, or None if the call is public."""
 
 
 @dataclass(frozen=True)
 class OtherMethods:
-    """There is no such call, but there are these at the same address."""
+    """The methods of the calls at an address that has no call with the requested method."""
 
     methods: tuple[str, ...]
 
 
-def _calls() -> tuple[dict[tuple[str, str], Call], list[tuple[str, re.Pattern[str], Call]]]:
-    """Those with a fixed path, and those with a pattern, which is the same as the router's."""
+def _build_tables() -> tuple[dict[tuple[str, str], Call], list[tuple[str, re.Pattern[str], Call]]]:
+    """Return the calls with a fixed path, and those with a pattern, which is the same as the router's."""
     fixed, patterns = {}, []
-    for name, role in LEAST_ROLE.items():
+    for name, role in MIN_ROLE.items():
         method, _, path = name.partition(" ")
         call = Call(name, None if role == "open" else role)
         if "{" in path:
@@ -114,11 +114,11 @@ def _calls() -> tuple[dict[tuple[str, str], Call], list[tuple[str, re.Pattern[st
     return fixed, patterns
 
 
-_FIXED, _PATTERNS = _calls()
+_FIXED, _PATTERNS = _build_tables()
 
 
 def find_call(method: str, path: str) -> Call | OtherMethods | None:
-    """The call that a request is; None: there is nothing at this address."""
+    """Return the call of a request, or the methods at its address, or None if there is nothing at the address."""
     if (call := _FIXED.get((method, path))) is not None:
         return call
     others = {known for known, fixed in _FIXED if fixed == path}

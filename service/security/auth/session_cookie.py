@@ -1,7 +1,7 @@
-"""The cookie by which a browser says who asks: the token itself, which no script of a page can read.
+"""The cookie with which a browser authenticates. It contains the token itself, and no script of a page can read it.
 
-It is the token and no number of a session, so that it is good and ends with the token, also while the database is held
-by another program: somebody who is signed in must be able to stop the arm.
+A session id would need the database. The token is valid as long as it is in the token file, even while another program
+has locked the database: a person who is signed in must be able to stop the arm.
 """
 
 from http.cookies import Morsel
@@ -9,16 +9,16 @@ from urllib.parse import urlsplit
 
 from starlette.types import Scope
 
-from service.security.auth.credential import header
+from service.security.auth.credential import header_values
 from service.security.auth.tokens import PREFIX
 
-LASTS_S = 180 * 24 * 3600
-"""Then the token must be given again."""
+MAX_AGE_S = 180 * 24 * 3600
+"""Lifetime of the cookie. After it, the person must sign in again."""
 
 
 def cookie_name(scope: Scope) -> str:
-    """The cookie's name. Cookies do not tell ports apart, so that two services of one machine need two."""
-    (host,) = header(scope, b"host")
+    """Return the name of the cookie. It has the port, because browsers share cookies between all ports of a host."""
+    (host,) = header_values(scope, b"host")
     try:
         port = urlsplit(f"//{host.decode('latin-1')}").port
     except ValueError:
@@ -27,22 +27,24 @@ def cookie_name(scope: Scope) -> str:
 
 
 def token_in_cookie(scope: Scope) -> str | None:
-    """The token in the request's cookie; None: there is none, or there are several, of which a page of another port may
-    have set one."""
-    sent = b"; ".join(header(scope, b"cookie")).decode("latin-1")
+    """Return the token in the cookie of a request, or None if there is no cookie or more than one.
+
+    If there are several cookies of this name, a page of another port may have set one of them.
+    """
+    sent = b"; ".join(header_values(scope, b"cookie")).decode("latin-1")
     start = f"{cookie_name(scope)}="
     found = [one.strip().removeprefix(start) for one in sent.split(";") if one.strip().startswith(start)]
     return found[0] if len(found) == 1 and found[0].startswith(PREFIX) else None
 
 
 def session_cookie(scope: Scope, token: str | None) -> str:
-    """The header Set-Cookie that keeps the token in the browser; None removes it."""
+    """Return the value of the header Set-Cookie that stores the token in the browser; None removes the cookie."""
     morsel: Morsel[str] = Morsel()
     morsel.set(cookie_name(scope), token or "", token or "")
     morsel["path"] = "/"
     morsel["httponly"] = True
     morsel["samesite"] = "Strict"
-    morsel["max-age"] = LASTS_S if token else 0
-    # Whether a proxy in front of us speaks https, only the page's own address tells.
-    morsel["secure"] = b"".join(header(scope, b"origin")).startswith(b"https:")
+    morsel["max-age"] = MAX_AGE_S if token else 0
+    # A proxy may handle HTTPS, so only the origin of the page shows whether the browser uses it.
+    morsel["secure"] = b"".join(header_values(scope, b"origin")).startswith(b"https:")
     return morsel.OutputString()

@@ -1,1 +1,1 @@
-"""Middleware that checks each request before a route sees it."""
+"""The ASGI middleware of the service, from the headers of the answer to the limits of the body."""

@@ -1,5 +1,7 @@
-"""Each request is looked at here before anything of its body is read: the form of its address and headers, by which
-name it calls the service, who asks, from which page, and whether he may."""
+"""Middleware that checks a request before any of its body is read.
+
+It checks the size of address and headers, the host name, the caller, the origin and the caller's role.
+"""
 
 from functools import partial
 from urllib.parse import parse_qsl, unquote
@@ -9,30 +11,30 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.problems.problem_error import ProblemError
 from service.security.auth.allowed_hosts import AllowedHosts
-from service.security.auth.authentication import Callers
+from service.security.auth.authentication import Authenticator
 from service.security.auth.caller import Role
 from service.security.auth.roles import Call, OtherMethods, find_call
 from service.security.auth.tokens import PREFIX
 from service.security.middleware.csrf import check_origin
 from service.security.middleware.refusal import refuse
 
-TARGET_BYTES = 2048
-HEADERS_BYTES = 16 * 2**10
-SECRETS = frozenset(
+MAX_TARGET_BYTES = 2048
+MAX_HEADERS_BYTES = 16 * 2**10
+SECRET_PARAMETERS = frozenset(
     {"token", "access_token", "accesstoken", "auth", "auth_token", "authorization", "bearer", "api_key", "apikey",
      "api-key", "key", "secret", "password"}
 )  # fmt: skip
-"""Names by which people put a token into an address."""
+"""Names of query parameters in which people send tokens."""
 
 
 class Gate:
-    """ASGI middleware: lets a request pass, with its caller in the scope's state, or answers it by a refusal."""
+    """ASGI middleware that passes a request on, with the caller in the scope's state, or refuses it."""
 
-    def __init__(self, app: ASGIApp, callers: Callers, hosts: AllowedHosts) -> None:
-        self._app, self._callers, self._hosts = app, callers, hosts
+    def __init__(self, app: ASGIApp, authenticator: Authenticator, hosts: AllowedHosts) -> None:
+        self._app, self._authenticator, self._hosts = app, authenticator, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Passes the request on, or refuses it."""
+        """Pass the request on, or refuse it."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
@@ -43,10 +45,10 @@ class Gate:
             else:
                 await self._app(scope, receive, send)
         else:
-            await send({"type": "websocket.close", "code": 1008})  # there is nothing to speak to in this way
+            await send({"type": "websocket.close", "code": 1008})  # the service has no WebSocket
 
     def _check(self, scope: Scope) -> None:
-        """Raises ProblemError: why not."""
+        """Check a request, and set the call and the caller in its state; raise ProblemError to refuse it."""
         state = scope.setdefault("state", {})
         check_size(scope)
         self._hosts.check(scope)
@@ -54,74 +56,81 @@ class Gate:
         found = find_call(scope["method"], scope["path"])
         if isinstance(found, Call):
             state["call"] = found.name
-            if found.least is None:
+            if found.min_role is None:
                 check_origin(scope)
                 return
-        known = self._callers.known(scope)
-        state["caller"] = caller = known.caller
-        check_origin(scope, known.by_cookie)
+        identity = self._authenticator.identify(scope)
+        state["caller"] = caller = identity.caller
+        check_origin(scope, identity.by_cookie)
         if found is None:
             raise ProblemError("not-found", "there is nothing at this address; /docs lists what there is")
         if isinstance(found, OtherMethods):
             allowed = {"Allow": ", ".join(found.methods)}
             raise ProblemError("method-not-allowed", f"{scope['method']} is not possible here", allowed)
-        if found.least is not None:
-            if not caller.may(found.least):
+        if found.min_role is not None:
+            if not caller.has_role(found.min_role):
                 raise ProblemError(
-                    "forbidden", f"this needs a token of the role {found.least}; {caller.name} is {caller.role}"
+                    "forbidden",
+                    f"this needs a token with the role {found.min_role}; {caller.name} has the role {caller.role}",
                 )
-            state["still_allowed"] = partial(self._still_allowed, scope, found.least)
+            state["still_allowed"] = partial(self._still_allowed, scope, found.min_role)
         check_encoding(Headers(scope=scope))
 
-    def _still_allowed(self, scope: Scope, least: Role) -> bool:
-        """Whether the same request would pass now."""
+    def _still_allowed(self, scope: Scope, min_role: Role) -> bool:
+        """Return whether the same request would pass now."""
         try:
-            return self._callers.known(scope).caller.may(least)
+            return self._authenticator.identify(scope).caller.has_role(min_role)
         except ProblemError:
             return False
 
 
 def check_size(scope: Scope) -> None:
-    """Raises ProblemError: `target-too-long`, `headers-too-large`."""
-    if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > TARGET_BYTES:
-        raise ProblemError("target-too-long", f"the address has more than {TARGET_BYTES} bytes")
-    if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > HEADERS_BYTES:
-        raise ProblemError("headers-too-large", f"the headers have more than {HEADERS_BYTES} bytes")
+    """Check the size of the address and of the headers.
+
+    Raises:
+        ProblemError: The address (`target-too-long`) or the headers (`headers-too-large`) are too large.
+    """
+    if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_TARGET_BYTES:
+        raise ProblemError("target-too-long", f"the address has more than {MAX_TARGET_BYTES} bytes")
+    if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > MAX_HEADERS_BYTES:
+        raise ProblemError("headers-too-large", f"the headers have more than {MAX_HEADERS_BYTES} bytes")
 
 
 def check_encoding(headers: Headers) -> None:
-    """Raises ProblemError: `encoded-body`, which would be taken for what it is not."""
+    """Check that the body is sent without an encoding, because routes would misread an encoded one.
+
+    Raises:
+        ProblemError: The body is compressed or a multipart form (`encoded-body`).
+    """
     encoding = headers.get("content-encoding", "identity")
     if encoding.lower() != "identity":
-        raise ProblemError("encoded-body", f"the body's Content-Encoding is {encoding[:80]}: send it as it is")
+        raise ProblemError("encoded-body", f"the body's Content-Encoding is {encoding[:80]}: send the body as it is")
     if headers.get("content-type", "").lower().startswith("multipart/"):
-        raise ProblemError(
-            "encoded-body", "the body is a form of several parts: send the JSON or the file itself, as it is"
-        )
+        raise ProblemError("encoded-body", "the body is a multipart form: send the JSON or the file itself, as it is")
 
 
 def check_query(scope: Scope) -> None:
-    """No token in an address, also no valid one: it would be in logs, histories and bookmarks from then on.
+    """Check that the address has no token, not even a valid one: logs, histories and bookmarks would keep it.
 
     Raises:
-        ProblemError: `token-in-query`.
+        ProblemError: The path or the query has a token (`token-in-query`).
     """
     query = scope["query_string"].decode("latin-1")
     in_path = PREFIX in scope["path"]
     if not in_path and (not query or not _has_secret(query)):
         return
-    # The server's own log takes it from here.
+    # The server's own log reads the address from the scope.
     scope["query_string"] = b""
     if in_path:
         scope["path"], scope["raw_path"] = "/", b"/"
     raise ProblemError(
         "token-in-query",
-        "a token must not be in an address, where logs keep it: send it as Authorization: Bearer; if it was a real "
-        "one, remove it and make another",
+        "a token must not be in an address, where logs keep it: send it as Authorization: Bearer; if it was valid, "
+        "remove it and make another",
     )
 
 
 def _has_secret(query: str) -> bool:
     if PREFIX in unquote(query):
         return True
-    return any(name.strip().lower() in SECRETS for name, _ in parse_qsl(query, keep_blank_values=True))
+    return any(name.strip().lower() in SECRET_PARAMETERS for name, _ in parse_qsl(query, keep_blank_values=True))

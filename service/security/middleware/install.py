@@ -1,4 +1,4 @@
-"""Puts all of this around an application, in its order."""
+"""Add the security middleware to an application, in its order."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ from fastapi import FastAPI
 from service.config.loader import ServiceConfig
 from service.security.audit.log import AuditLog
 from service.security.auth.allowed_hosts import AllowedHosts, is_loopback
-from service.security.auth.authentication import Callers
+from service.security.auth.authentication import Authenticator
 from service.security.auth.roles import Call, find_call
 from service.security.auth.tokens import TokenFile
-from service.security.middleware.audit_recorder import Recorder
-from service.security.middleware.body_limits import BodyLimits, Patience
+from service.security.middleware.audit_recorder import AuditMiddleware
+from service.security.middleware.body_limits import BodyLimits, BodyTimeouts
 from service.security.middleware.gate import Gate
 from service.security.middleware.headers import SecurityHeaders
 
@@ -24,37 +24,45 @@ SCHEME = {
 
 
 def install_security(app: FastAPI, config: ServiceConfig, audit: AuditLog, upload_path: str) -> None:
-    """Adds the middleware. From outside to inside: headers of the answer, the record, the gate, the body's limits."""
-    # Starlette puts what is added last outermost.
+    """Add the middleware. From outside to inside: headers of the answer, audit log, gate, limits of the body.
+
+    Args:
+        app: The application.
+        config: The configuration.
+        audit: The audit log.
+        upload_path: Path of the uploads, whose bodies have their own limits.
+    """
+    # The middleware that is added last is the outermost.
     app.add_middleware(
         BodyLimits,
         request_bytes=config.limits.request_bytes,
         upload_bytes=config.limits.upload_bytes,
         upload_path=upload_path,
-        patience=Patience(),
+        timeouts=BodyTimeouts(),
     )
-    app.state.callers = callers = Callers(TokenFile(config.data_dir), is_loopback(config.host))
-    app.add_middleware(Gate, callers=callers, hosts=AllowedHosts(config.host, config.security.allowed_hosts))
-    app.add_middleware(Recorder, audit=audit)
+    app.state.authenticator = authenticator = Authenticator(TokenFile(config.data_dir), is_loopback(config.host))
+    hosts = AllowedHosts(config.host, config.security.allowed_hosts)
+    app.add_middleware(Gate, authenticator=authenticator, hosts=hosts)
+    app.add_middleware(AuditMiddleware, audit=audit)
     app.add_middleware(SecurityHeaders)
-    _describe(app)
+    _describe_roles(app)
 
 
-def _describe(app: FastAPI) -> None:
-    """Has the API's description say which role each call needs, and gives its page a place for the token."""
-    plain = app.openapi
+def _describe_roles(app: FastAPI) -> None:
+    """Add the minimum role of each call, and the form for the token, to the description of the API."""
+    original = app.openapi
 
-    def described() -> dict[str, Any]:
+    def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            document = plain()
+            document = original()
             document.setdefault("components", {})["securitySchemes"] = {"token": SCHEME}
             for path, item in document["paths"].items():
                 for method, operation in item.items():
                     call = find_call(method.upper(), path)
-                    if isinstance(call, Call) and call.least is not None:
-                        # The empty one: nobody has to say who he is while there is no token.
+                    if isinstance(call, Call) and call.min_role is not None:
+                        # The empty requirement stands for a service without tokens.
                         operation["security"] = [{"token": []}, {}]
-                        operation["x-least-role"] = call.least
-        return app.openapi_schema or plain()
+                        operation["x-least-role"] = call.min_role
+        return app.openapi_schema or original()
 
-    app.openapi = described
+    app.openapi = openapi

@@ -1,4 +1,4 @@
-"""A refusal before a request has come to any route: as the same problem document as everywhere."""
+"""Answers to refused requests, as problem documents, before the request reaches a route."""
 
 from typing import Any
 from urllib.parse import quote
@@ -9,12 +9,12 @@ from starlette.types import Receive, Scope, Send
 from service.problems.document import MEDIA_TYPE, problem_document
 from service.problems.problem_error import ProblemError
 
-SMALL_BYTES = 64 * 2**10
-"""So much of a body that nobody asked for is read past; behind more of it, the connection is closed."""
+MAX_DISCARDED_BYTES = 64 * 2**10
+"""Maximum size of an unread body that is discarded to keep the connection. For a larger one, the connection closes."""
 
 
 async def refuse(scope: Scope, receive: Receive, send: Send, error: ProblemError) -> None:
-    """Answers the request with `error`, and reads nothing of its body."""
+    """Answer a request with `error`, without reading its body."""
     state: dict[str, Any] = scope.setdefault("state", {})
     state["problem"] = error.slug
     headers = dict(error.headers or {})
@@ -26,10 +26,10 @@ async def refuse(scope: Scope, receive: Receive, send: Send, error: ProblemError
 
 
 def _has_large_body(scope: Scope) -> bool:
-    """Or one of which nobody knows how large it is."""
+    """Return whether the body is larger than `MAX_DISCARDED_BYTES`, or of unknown size."""
     for name, value in scope["headers"]:
         if name == b"transfer-encoding":
             return True
         if name == b"content-length":
-            return not (value.isdigit() and len(value) < 10 and int(value) <= SMALL_BYTES)
+            return not (value.isdigit() and len(value) < 10 and int(value) <= MAX_DISCARDED_BYTES)
     return False

@@ -1,4 +1,4 @@
-"""A scan's picture in small: for lists of many."""
+"""The thumbnail of a scan is a small preview, for long lists."""
 
 import time
 from collections.abc import Callable
@@ -10,9 +10,9 @@ import httpx
 import numpy as np
 import pytest
 
-from service.api.response_cache import FRESH_S
+from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from service.states import ScanState
 from service.storage.data_folder import PREVIEW
 from service.storage.database import new_id
@@ -28,12 +28,12 @@ FAILURE = Failure("internal", "")
 
 @pytest.fixture(scope="module")
 def scan(client: ServedClient, scan: dict[str, Any]) -> dict[str, Any]:
-    """A scan that has succeeded, and whose picture is drawn."""
-    assert client.get(scan["links"]["preview"]).status_code == 200  # answers when it is drawn
+    """Return a succeeded scan whose preview is drawn."""
+    assert client.get(scan["links"]["preview"]).status_code == 200  # answers when the preview is drawn
     return scan
 
 
-def test_it_is_the_preview_in_small(client: ServedClient, scan: dict[str, Any]) -> None:
+def test_the_thumbnail_is_the_preview_scaled_down(client: ServedClient, scan: dict[str, Any]) -> None:
     small, large = (client.get(scan["links"][name]) for name in ("thumbnail", "preview"))
     assert small.headers["content-type"] == "image/png"
     assert len(small.content) < 40_000 < len(large.content)
@@ -47,27 +47,27 @@ def test_it_is_the_preview_in_small(client: ServedClient, scan: dict[str, Any]) 
     assert height == round(240 * full_height / full_width)
 
 
-def test_who_has_it_already_is_told_so(client: ServedClient, scan: dict[str, Any]) -> None:
+def test_a_client_with_the_current_version_gets_304(client: ServedClient, scan: dict[str, Any]) -> None:
     first = client.get(scan["links"]["thumbnail"])
     again = client.get(scan["links"]["thumbnail"], headers={"If-None-Match": first.headers["ETag"]})
     assert (again.status_code, again.content) == (304, b"")
     assert first.headers["ETag"] != client.get(scan["links"]["preview"]).headers["ETag"]
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG, or so", None], ids=["empty", "torn", "gone"])
-def test_what_is_no_picture_is_not_shown(
+@pytest.mark.parametrize("content", [b"", b"\x89PNG, or so", None], ids=["empty", "damaged", "missing"])
+def test_a_damaged_image_is_not_sent(
     client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, content: bytes | None
 ) -> None:
     path = client.app.state.context.store.folder.results(scan["id"]) / PREVIEW
     whole = path.read_bytes()
     try:
         path.unlink() if content is None else path.write_bytes(content)
-        time.sleep(FRESH_S)  # so long it is not looked at again
+        time.sleep(MAX_AGE_S)  # until the cached value expires
         problem = (404, "no-result") if content is None else (500, "damaged")
         assert_problem(client.get(scan["links"]["thumbnail"]), *problem)
     finally:
         path.write_bytes(whole)
-        time.sleep(FRESH_S)
+        time.sleep(MAX_AGE_S)
     assert client.get(scan["links"]["thumbnail"]).status_code == 200
 
 
@@ -75,7 +75,7 @@ def test_what_is_no_picture_is_not_shown(
     ("state", "status", "slug"),
     [("scanning", 409, "result-not-ready"), ("failed", 404, "no-result"), (None, 404, "scan-not-found")],
 )
-def test_without_a_picture_it_says_what_the_preview_says(
+def test_without_an_image_the_thumbnail_fails_like_the_preview(
     client: ServedClient, assert_problem: AssertProblem, state: ScanState | None, status: int, slug: str
 ) -> None:
     store: Store = client.app.state.context.store
@@ -84,9 +84,9 @@ def test_without_a_picture_it_says_what_the_preview_says(
         store.add_scan(row)
     if state == "failed":
         store.end_scan(row.id, state, FAILURE)
-    words = [
+    details = [
         assert_problem(client.get(f"/api/scans/{row.id}/{name}.png"), status, slug) for name in ("thumbnail", "preview")
     ]
-    assert words[0] == words[1]
+    assert details[0] == details[1]
     if state == "scanning":
         store.end_scan(row.id, "failed", FAILURE)

@@ -1,4 +1,4 @@
-"""The description of the API: the committed one, what it promises, and its page without the internet."""
+"""The OpenAPI document is committed, complete and consistent, and its page works without the internet."""
 
 import json
 import re
@@ -24,21 +24,21 @@ def operations() -> list[tuple[str, str, dict[str, Any]]]:
     return [(path, method, operation) for path, item in paths.items() for method, operation in item.items()]
 
 
-def test_the_committed_description_is_up_to_date() -> None:
+def test_the_committed_document_is_up_to_date() -> None:
     assert json.loads(COMMITTED.read_text()) == json.loads(openapi_document()), (
-        "the API has changed: look at the difference, then run `python -m service.app > service/openapi.json`"
+        "the API has changed: check the difference, then run `python -m service.app > service/openapi.json`"
     )
 
 
 @pytest.mark.parametrize(("path", "method", "operation"), operations())
-def test_every_operation_says_what_it_does_and_how_it_refuses(
+def test_every_operation_describes_its_success_and_its_problems(
     path: str, method: str, operation: dict[str, Any]
 ) -> None:
     assert operation["description"]
     responses = operation["responses"]
     refusals = {status: answer for status, answer in responses.items() if not status.startswith(("2", "3"))}
     assert "default" in refusals
-    # Whatever has an input can refuse it.
+    # an operation with an input can refuse it
     assert "422" in refusals or not (operation.get("parameters") or operation.get("requestBody"))
     media_type = "application/problem+json"
     for answer in refusals.values():
@@ -46,15 +46,15 @@ def test_every_operation_says_what_it_does_and_how_it_refuses(
         schema = answer["content"][media_type]["schema"]
         assert schema["allOf"] == [{"$ref": "#/components/schemas/Problem"}]
         assert set(schema["properties"]["type"]["enum"]) <= ALL_PROBLEMS
-    # Whatever an operation declares with a status is not declared without it too.
+    # each problem type is declared for one status only
     enums = [answer["content"][media_type]["schema"]["properties"]["type"]["enum"] for answer in refusals.values()]
     names = [name for enum in enums for name in enum]
     assert len(names) == len(set(names))
     successes = [answer for status, answer in responses.items() if status.startswith("2") and status != "204"]
     assert len(successes) == 1
     (content,) = successes[0]["content"].values()
-    told = content.get("schema") or content.get("itemSchema")  # the latter of each event of a stream
-    assert told, f"{method} {path} does not say what it answers"
+    schema = content.get("schema") or content.get("itemSchema")  # an event stream has the latter
+    assert schema, f"{method} {path} has no schema for its answer"
 
 
 def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
@@ -67,7 +67,9 @@ def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
     assert client.get("/openapi.json").json() == json.loads(COMMITTED.read_text())
 
 
-def test_nobody_waits_while_the_description_is_made(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_request_waits_while_the_document_is_generated(
+    client: ServedClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
     making, go_on = threading.Event(), threading.Event()
 
     def make() -> dict[str, Any]:
@@ -75,7 +77,7 @@ def test_nobody_waits_while_the_description_is_made(client: ServedClient, monkey
         assert go_on.wait(PATIENCE_S)
         return {"made": "at last"}
 
-    monkeypatch.setattr("service.api.response_cache.FRESH_S", -1.0)
+    monkeypatch.setattr("service.api.response_cache.MAX_AGE_S", -1.0)
     monkeypatch.setattr(client.app, "openapi", make)
     with ThreadPoolExecutor(1) as pool:
         asked = pool.submit(client.get, "/openapi.json")

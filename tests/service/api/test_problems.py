@@ -1,4 +1,4 @@
-"""Failures of the machine underneath, as problem documents."""
+"""Failures of disk, database and program become problem documents."""
 
 import errno
 import sqlite3
@@ -25,7 +25,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def own(serve: Serve, data: Path) -> Iterator[httpx.Client]:
-    # A service that waits for the database waits for it in vain at once.
+    # a held database fails at once
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("service.storage.database.BUSY_S", 0.0)
         with serve(data) as client:
@@ -39,7 +39,7 @@ def failing(error: Exception) -> Callable[..., None]:
     return fail
 
 
-def test_a_full_disk_is_said_to_be_full_and_keeps_no_part(
+def test_a_full_disk_is_reported_and_leaves_no_file(
     own: httpx.Client,
     data: Path,
     recording_file: Path,
@@ -47,16 +47,16 @@ def test_a_full_disk_is_said_to_be_full_and_keeps_no_part(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     full = OSError(errno.ENOSPC, "No space left on device")
-    for place in ("service.api.routes.recordings.os.fsync", "service.storage.store.sync_folder"):
+    for function in ("service.api.routes.recordings.os.fsync", "service.storage.store.sync_folder"):
         with monkeypatch.context() as patch:
-            patch.setattr(place, failing(full))
+            patch.setattr(function, failing(full))
             answer = own.post("/api/recordings", content=recording_file.read_bytes())
         assert_problem(answer, 507, "storage-full")
     assert not list(data.rglob("*.mcap"))
     assert own.get("/api/recordings").json() == {"recordings": [], "next": None}
 
 
-def test_a_database_that_another_holds_is_busy(
+def test_a_database_that_another_program_holds_is_busy(
     own: httpx.Client,
     data: Path,
     recording_file: Path,
@@ -68,7 +68,7 @@ def test_a_database_that_another_holds_is_busy(
         answer = own.post("/api/recordings", content=recording_file.read_bytes())
         assert_problem(answer, 503, "busy")
         assert int(answer.headers["retry-after"]) > 0
-        # Reading goes on.
+        # reading still works
         assert own.get("/api/recordings").status_code == 200
     finally:
         holder.execute("ROLLBACK")
@@ -76,16 +76,16 @@ def test_a_database_that_another_holds_is_busy(
     assert own.post("/api/recordings", content=recording_file.read_bytes()).status_code == 201
 
 
-def test_what_is_too_early_says_when_it_is_not(
+def test_a_too_early_request_has_a_retry_after(
     own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Cell, "acknowledge", failing(TooEarlyError("try again in 3.2 s", 3.2)))
     answer = own.post("/api/cell/acknowledge")
     assert assert_problem(answer, 409, "too-early") == "try again in 3.2 s"
-    assert answer.headers["Retry-After"] == "4"  # whole seconds, and not too early again
+    assert answer.headers["Retry-After"] == "4"  # whole seconds, rounded up
 
 
-def test_an_unexpected_error_tells_the_log_and_not_the_client(
+def test_an_unexpected_error_is_logged_and_not_sent(
     own: httpx.Client,
     assert_problem: AssertProblem,
     monkeypatch: pytest.MonkeyPatch,
@@ -94,12 +94,12 @@ def test_an_unexpected_error_tells_the_log_and_not_the_client(
     monkeypatch.setattr(Store, "scans", failing(RuntimeError("the secret reason")))
     answer = own.get("/api/scans")
     assert "secret" not in assert_problem(answer, 500, "internal")
-    # The log is written after the answer is sent.
+    # the log is written after the answer
     while not any("secret" in str(record.exc_info) for record in caplog.records):
         time.sleep(0.01)
 
 
-def test_a_service_that_cannot_do_a_scan_is_not_ready(
+def test_a_service_that_cannot_run_a_scan_is_not_ready(
     own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.manager.Jobs.not_ready", "recognition did not start: no libGL")

@@ -1,4 +1,4 @@
-"""What is asked for most has threads and a memory of its own, and says what FastAPI would have said."""
+"""The most frequent routes have threads and a cache of their own, and answer as FastAPI would."""
 
 import asyncio
 import threading
@@ -11,17 +11,19 @@ import httpx
 import pytest
 from starlette.responses import Response
 
-from service.api.response_cache import REMEMBERED, SMALL_BYTES, Reading
+from service.api.response_cache import MAX_ENTRIES, MAX_ENTRY_BYTES, ResponseCache
 from service.api.schemas.scans import ScanList
 from service.storage.database import Database
 from service.storage.store import Store
 from tests.service.conftest import PATIENCE_S, wait_until
 
 SHARED_THREADS = 40
-"""Starlette's, of all plain routes together."""
+"""Number of Starlette threads, which all plain routes share."""
 
 
-def test_answers_come_while_all_other_threads_are_held(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_routes_answer_while_all_shared_threads_are_blocked(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
     held, go_on = threading.Semaphore(0), threading.Event()
 
     def hold(*_: object) -> list[object]:
@@ -43,7 +45,7 @@ def test_answers_come_while_all_other_threads_are_held(client: httpx.Client, mon
     assert {one.result().status_code for one in waiting} == {200}
 
 
-def test_what_goes_wrong_in_them_is_told_as_elsewhere(client: httpx.Client) -> None:
+def test_errors_of_cached_routes_are_problem_documents(client: httpx.Client) -> None:
     answer = client.get("/api/scans/none")
     assert (answer.status_code, answer.json()["type"]) == (404, "urn:pointchain:scan-not-found")
     assert client.get("/api/scans/none/model").status_code == 404
@@ -56,8 +58,8 @@ def database(tmp_path: Path) -> Iterator[Database]:
         yield database
 
 
-class Reads:
-    """Counts how often something is read; `hold` keeps the readers waiting."""
+class CountingReader:
+    """Reader that counts its calls. `hold` blocks them until it is set."""
 
     def __init__(self) -> None:
         self.times = 0
@@ -70,68 +72,68 @@ class Reads:
         return Response(str(self.times))
 
 
-def test_what_has_not_changed_is_read_once(database: Database) -> None:
-    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
-        seen = [(await reading.answer("x", read)).body for _ in range(3)]
+def test_an_unchanged_value_is_read_once(database: Database) -> None:
+    async def request(cache: ResponseCache, read: CountingReader) -> list[bytes | memoryview]:
+        seen = [(await cache.respond("x", read)).body for _ in range(3)]
         with database.transaction():
             pass
-        return [*seen, (await reading.answer("x", read)).body]
+        return [*seen, (await cache.respond("x", read)).body]
 
-    with closing(Reading(database)) as reading:
-        assert asyncio.run(ask(reading, Reads())) == [b"1", b"1", b"1", b"2"]
-
-
-def test_what_others_may_have_changed_is_looked_at_again(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.api.response_cache.FRESH_S", -1.0)
-
-    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
-        return [(await reading.answer("x", read)).body for _ in range(2)]
-
-    with closing(Reading(database)) as reading:
-        assert asyncio.run(ask(reading, Reads())) == [b"1", b"2"]
+    with closing(ResponseCache(database)) as cache:
+        assert asyncio.run(request(cache, CountingReader())) == [b"1", b"1", b"1", b"2"]
 
 
-def test_many_who_ask_at_once_wait_for_one_who_reads_also_when_the_first_leaves(database: Database) -> None:
-    async def ask(reading: Reading, read: Reads) -> list[bytes | memoryview]:
+def test_an_expired_value_is_read_again(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.api.response_cache.MAX_AGE_S", -1.0)
+
+    async def request(cache: ResponseCache, read: CountingReader) -> list[bytes | memoryview]:
+        return [(await cache.respond("x", read)).body for _ in range(2)]
+
+    with closing(ResponseCache(database)) as cache:
+        assert asyncio.run(request(cache, CountingReader())) == [b"1", b"2"]
+
+
+def test_concurrent_requests_share_one_read_even_if_the_first_disconnects(database: Database) -> None:
+    async def request(cache: ResponseCache, read: CountingReader) -> list[bytes | memoryview]:
         read.hold = threading.Event()
-        first, *others = [asyncio.ensure_future(reading.answer("x", read)) for _ in range(5)]
+        first, *others = [asyncio.ensure_future(cache.respond("x", read)) for _ in range(5)]
         await asyncio.sleep(0.02)
         first.cancel()
         await asyncio.sleep(0)
         read.hold.set()
         return [answer.body for answer in await asyncio.gather(*others)]
 
-    with closing(Reading(database)) as reading:
-        assert asyncio.run(ask(reading, Reads())) == [b"1"] * 4
+    with closing(ResponseCache(database)) as cache:
+        assert asyncio.run(request(cache, CountingReader())) == [b"1"] * 4
 
 
-def test_neither_failures_nor_large_answers_are_remembered(database: Database) -> None:
-    large = Reads()
+def test_neither_failures_nor_large_responses_are_kept(database: Database) -> None:
+    large = CountingReader()
 
     def fail() -> Response:
-        raise ValueError("for now")
+        raise ValueError("temporary")
 
     def read_large() -> Response:
-        return Response(bytes(large().body) * (SMALL_BYTES + 1))
+        return Response(bytes(large().body) * (MAX_ENTRY_BYTES + 1))
 
-    async def ask(reading: Reading) -> bytes | memoryview:
-        with pytest.raises(ValueError, match="for now"):
-            await reading.answer("x", fail)
+    async def request(cache: ResponseCache) -> bytes | memoryview:
+        with pytest.raises(ValueError, match="temporary"):
+            await cache.respond("x", fail)
         for _ in range(2):
-            await reading.answer("y", read_large)
-        return (await reading.answer("x", Reads())).body
+            await cache.respond("y", read_large)
+        return (await cache.respond("x", CountingReader())).body
 
-    with closing(Reading(database)) as reading:
-        assert asyncio.run(ask(reading)) == b"1"
+    with closing(ResponseCache(database)) as cache:
+        assert asyncio.run(request(cache)) == b"1"
     assert large.times == 2
 
 
-def test_no_more_than_so_many_are_remembered(database: Database) -> None:
-    async def ask(reading: Reading, read: Reads) -> None:
-        for what in (*range(REMEMBERED + 1), REMEMBERED, 0):
-            await reading.answer(what, read)
+def test_the_number_of_entries_is_limited(database: Database) -> None:
+    async def request(cache: ResponseCache, read: CountingReader) -> None:
+        for what in (*range(MAX_ENTRIES + 1), MAX_ENTRIES, 0):
+            await cache.respond(what, read)
 
-    reads = Reads()
-    with closing(Reading(database)) as reading:
-        asyncio.run(ask(reading, reads))
-    assert reads.times == REMEMBERED + 2  # the first was forgotten for the last
+    reads = CountingReader()
+    with closing(ResponseCache(database)) as cache:
+        asyncio.run(request(cache, reads))
+    assert reads.times == MAX_ENTRIES + 2  # the last entry replaced the first

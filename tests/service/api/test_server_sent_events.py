@@ -1,4 +1,4 @@
-"""Many who follow: no more than there are slots, and one who does not read harms nobody."""
+"""Event streams are limited by slots, and a client that does not read harms no other."""
 
 import socket
 import threading
@@ -13,17 +13,17 @@ import pytest
 from service.api import server_sent_events
 from service.api.dependencies import Context
 from service.errors import Failure, ServiceError
-from service.events.hub import BACKLOG
+from service.events.hub import MAX_BACKLOG
 from service.events.stream_slots import StreamSlots
-from service.jobs.new_rows import NOBODY, new_scan
-from service.security.auth.tokens import FILE, add_token, read_tokens, remove_token
+from service.jobs.submission import NOBODY, new_scan
+from service.security.auth.tokens import TOKENS_FILE, add_token, read_tokens, remove_token
 from service.server import uvicorn_server
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.following import folded, following, told
 
 SLOTS = 4
 STALLED_S = 1.0
-# More than the system keeps for a connection, some MB on each side, is sent in so many pieces.
+# together more than the system buffers for a connection, which is some MB on each side
 PIECES, PIECE = 130, "x" * 250_000
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
@@ -31,7 +31,7 @@ AssertProblem = Callable[[httpx.Response, int, str], str]
 
 @pytest.fixture(scope="module")
 def quick(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
-    """A service with few slots that soon drops who does not read."""
+    """Start a service with few slots, which soon drops clients that do not read."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(uvicorn_server, "STALLED_S", STALLED_S)
         with serve(tmp_path_factory.mktemp("data"), limits={"event_streams": SLOTS, "event_streams_each": 2}) as client:
@@ -40,24 +40,24 @@ def quick(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Se
 
 @pytest.fixture
 def service(quick: ServedClient) -> Iterator[Context]:
-    """Its inside; at the end nobody follows any more."""
+    """Yield the context of the service. At the end, no stream may be open."""
     context = quick.app.state.context
     yield context
     wait_until(lambda: context.streams.open == 0)
-    assert context.store.events.hub.followers == 0
+    assert context.store.events.hub.subscribers == 0
 
 
 @pytest.fixture
 def scan(service: Context) -> str:
-    """A scan that only the test changes."""
+    """Add a scan that only the test changes."""
     scan = new_scan("live", "graph", None, NOBODY)
     service.store.add_scan(scan)
     return scan.id
 
 
 @contextmanager
-def stalled(client: httpx.Client, path: str) -> Iterator[socket.socket]:
-    """A client that has asked and reads nothing but the beginning."""
+def stalled_client(client: httpx.Client, path: str) -> Iterator[socket.socket]:
+    """Connect a client that reads only the beginning of its stream."""
     host, port = client.base_url.host, client.base_url.port
     with socket.create_connection((host, port or 80)) as connection:
         connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\n\r\n".encode())
@@ -69,32 +69,32 @@ def end(service: Context, scan: str) -> None:
     service.store.end_scan(scan, "aborted", Failure("aborted", "so"))
 
 
-def test_slots_are_counted_in_all_and_for_each_caller() -> None:
+def test_slots_are_limited_in_total_and_per_caller() -> None:
     slots = StreamSlots(4, 2)
-    with ExitStack() as taken:
+    with ExitStack() as slots_taken:
         for caller in ("ann", "ann", "bob"):
-            taken.enter_context(slots.taken(caller))
+            slots_taken.enter_context(slots.acquire(caller))
         with pytest.raises(ServiceError, match="you follow 2 event streams") as refused:
-            taken.enter_context(slots.taken("ann"))
+            slots_taken.enter_context(slots.acquire("ann"))
         assert (refused.value.slug, refused.value.retry_after_s) == ("too-many-streams", 5.0)
-        taken.enter_context(slots.taken("bob"))
+        slots_taken.enter_context(slots.acquire("bob"))
         with pytest.raises(ServiceError, match="4 event streams are open"):
-            taken.enter_context(slots.taken("eve"))
+            slots_taken.enter_context(slots.acquire("eve"))
         assert slots.open == 4
     assert slots.open == 0
-    with ExitStack() as taken:  # where nobody has to say who he is, only all are counted
+    with ExitStack() as slots_taken:  # without tokens, only the total is limited
         for _ in range(4):
-            taken.enter_context(slots.taken(None))
+            slots_taken.enter_context(slots.acquire(None))
         with pytest.raises(ServiceError, match="4 event streams"):
-            taken.enter_context(slots.taken(None))
+            slots_taken.enter_context(slots.acquire(None))
 
 
-def test_one_too_many_is_refused_until_another_leaves(
+def test_a_stream_beyond_the_limit_is_refused_until_a_slot_is_free(
     quick: ServedClient, service: Context, scan: str, assert_problem: AssertProblem
 ) -> None:
     path = f"/api/scans/{scan}/events"
-    with ExitStack() as open_ones:
-        streams = [open_ones.enter_context(following(quick, path)) for _ in range(SLOTS - 1)]
+    with ExitStack() as streams_open:
+        streams = [streams_open.enter_context(following(quick, path)) for _ in range(SLOTS - 1)]
         assert [next(events).kind for events in streams] == ["scan"] * (SLOTS - 1)
         with following(quick, "/api/events") as last:
             next(last)
@@ -103,7 +103,7 @@ def test_one_too_many_is_refused_until_another_leaves(
                 answer = quick.get(one)
                 assert_problem(answer, 503, "too-many-streams")
                 assert int(answer.headers["retry-after"]) > 0
-            assert quick.get("/api/scans").status_code == 200  # it can be asked still
+            assert quick.get("/api/scans").status_code == 200  # other requests still work
         wait_until(lambda: service.streams.open == SLOTS - 1)
         with following(quick, path) as another:
             assert next(another).kind == "scan"
@@ -111,13 +111,13 @@ def test_one_too_many_is_refused_until_another_leaves(
     assert_problem(quick.get(path, headers={"Last-Event-ID": "1000000"}), 422, "event-unknown")
 
 
-def test_each_token_has_its_own_few(quick: ServedClient, service: Context, assert_problem: AssertProblem) -> None:
+def test_each_token_has_its_own_slots(quick: ServedClient, service: Context, assert_problem: AssertProblem) -> None:
     data = service.store.folder.root
     callers = [{"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob")]
     try:
-        with ExitStack() as open_ones:
+        with ExitStack() as streams_open:
             for _ in range(2):
-                answer = open_ones.enter_context(quick.stream("GET", "/api/events", headers=callers[0]))
+                answer = streams_open.enter_context(quick.stream("GET", "/api/events", headers=callers[0]))
                 assert answer.status_code == 200
             detail = assert_problem(quick.get("/api/events", headers=callers[0]), 503, "too-many-streams")
             assert "you follow 2" in detail
@@ -128,28 +128,30 @@ def test_each_token_has_its_own_few(quick: ServedClient, service: Context, asser
             remove_token(data, name)
 
 
-def test_who_does_not_read_is_dropped_and_delays_nobody(quick: ServedClient, service: Context, scan: str) -> None:
+def test_a_client_that_does_not_read_is_dropped_and_delays_no_other(
+    quick: ServedClient, service: Context, scan: str
+) -> None:
     path = f"/api/scans/{scan}/events"
-    with stalled(quick, path), stalled(quick, path), ThreadPoolExecutor(1) as pool:
+    with stalled_client(quick, path), stalled_client(quick, path), ThreadPoolExecutor(1) as pool:
         reading = pool.submit(told, quick, path)
         wait_until(lambda: service.streams.open == 3)
-        backlogs = list(service.store.events.hub._followers)
+        backlogs = list(service.store.events.hub._subscribers)
         for number in range(PIECES):
             service.store.update_scan(scan, stage=PIECE, fraction=number / PIECES)
         assert quick.post("/api/cell/stop").status_code == 200
         end(service, scan)
-        # Who reads is told the end while the others still read nothing.
+        # a client that reads gets the end while the others read nothing
         assert folded(reading.result(PATIENCE_S))["state"] == "aborted"
-        assert all(len(backlog._waiting) <= BACKLOG + 1 for backlog in backlogs)
+        assert all(len(backlog._waiting) <= MAX_BACKLOG + 1 for backlog in backlogs)
         wait_until(lambda: service.streams.open == 0)
 
 
-def much_at_once(service: Context, scan: str) -> None:
-    """More than waits for anybody, published before anybody can take any of it."""
+def publish_beyond_backlog(service: Context, scan: str) -> None:
+    """Publish more events than a backlog holds, before any subscriber can take one."""
 
     def change() -> None:
-        with service.store.events.changing() as change:
-            for _ in range(3 * BACKLOG):
+        with service.store.events.transaction() as change:
+            for _ in range(3 * MAX_BACKLOG):
                 change.progress(scan)
         done.set()
 
@@ -159,13 +161,13 @@ def much_at_once(service: Context, scan: str) -> None:
     assert done.wait(PATIENCE_S)
 
 
-def test_who_was_too_slow_gets_the_whole_again(quick: ServedClient, service: Context, scan: str) -> None:
+def test_a_slow_client_gets_a_resync(quick: ServedClient, service: Context, scan: str) -> None:
     path = f"/api/scans/{scan}/events"
     with following(quick, path) as events:
         begin = next(events)
         service.store.set_view(scan, 0, "recorded")
         change = next(events)
-        much_at_once(service, scan)
+        publish_beyond_backlog(service, scan)
         again = next(events)
         service.store.set_view(scan, 1, "moving")
         end(service, scan)
@@ -178,11 +180,13 @@ def test_who_was_too_slow_gets_the_whole_again(quick: ServedClient, service: Con
         "view",
         "state",
     ]
-    assert int(again.id) == int(change.id) + 3 * BACKLOG
+    assert int(again.id) == int(change.id) + 3 * MAX_BACKLOG
     assert folded([again, *rest]) == folded([begin, change, *rest]) == folded(told(quick, path))
 
 
-def test_signs_of_life(quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keep_alive_comments_are_sent(
+    quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(server_sent_events, "PING_S", 0.05)
     for path in (f"/api/scans/{scan}/events", "/api/events"):
         with quick.stream("GET", path) as answer:
@@ -191,19 +195,22 @@ def test_signs_of_life(quick: ServedClient, service: Context, scan: str, monkeyp
                 pass
 
 
-def test_the_cell_and_too_many_changes_of_everything(quick: ServedClient, service: Context, scan: str) -> None:
+def test_all_events_have_the_cell_and_a_resync_after_too_many_changes(
+    quick: ServedClient, service: Context, scan: str
+) -> None:
     with following(quick, "/api/events") as events:
         first = next(events)
         service.cell._status.change(state="fault", slug="robot-lost", reason="gone")
-        service.cell._status.change(arm=None)  # which is no news
+        service.cell._status.change(arm=None)  # not an event
         service.cell._status.change(state="not_ready", slug="stopped", reason="by request")
         changes = [next(events), next(events)]
         assert [change.data for change in changes] == [
             {"state": "fault", "problem": "urn:pointchain:robot-lost", "reason": "gone"},
             {"state": "not_ready", "problem": "urn:pointchain:stopped", "reason": "by request"},
         ]
-        assert [change.id for change in changes] == [first.id] * 2  # theirs are not kept: no id of their own
-        much_at_once(service, scan)
+        # cell events are not stored and have no id of their own
+        assert [change.id for change in changes] == [first.id] * 2
+        publish_beyond_backlog(service, scan)
         again = next(events)
         assert (again.kind, again.data) == ("resync", changes[-1].data)
         assert int(again.id) == service.store.events.newest()
@@ -211,22 +218,24 @@ def test_the_cell_and_too_many_changes_of_everything(quick: ServedClient, servic
         assert next(events).kind == "state"
 
 
-def left(lines: Iterator[str]) -> list[str]:
-    """What a stream still tells up to its end; fails when that does not come."""
+def rest_of(lines: Iterator[str]) -> list[str]:
+    """Return the remaining lines of a stream, which must end."""
     found = list(islice(lines, 200))
-    assert len(found) < 200, "it goes on"
+    assert len(found) < 200, "the stream does not end"
     return found
 
 
-def test_who_is_let_in_no_more_hears_no_more(
+def test_a_stream_ends_when_its_client_is_no_longer_allowed(
     quick: ServedClient, service: Context, scan: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server_sent_events, "PING_S", 0.05)
     data, paths = service.store.folder.root, (f"/api/scans/{scan}/events", "/api/events")
-    with ExitStack() as open_ones:
+    with ExitStack() as streams_open:
 
         def followed(headers: dict[str, str]) -> list[Iterator[str]]:
-            begun = [open_ones.enter_context(quick.stream("GET", path, headers=headers)).iter_lines() for path in paths]
+            begun = [
+                streams_open.enter_context(quick.stream("GET", path, headers=headers)).iter_lines() for path in paths
+            ]
             for lines in begun:
                 while not next(lines).startswith("data: "):
                     pass
@@ -235,22 +244,22 @@ def test_who_is_let_in_no_more_hears_no_more(
         anybody = followed({})
         ann, bob = ({"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob"))
         try:
-            # There are tokens now, so whoever has none may no longer listen.
+            # tokens exist now, so a client without one is no longer allowed
             service.store.set_view(scan, 0, "recorded")
-            assert not any("recorded" in line for lines in anybody for line in left(lines))
+            assert not any("recorded" in line for lines in anybody for line in rest_of(lines))
             wait_until(lambda: service.streams.open == 0)
 
             of_ann, of_bob = followed(ann), followed(bob)
             remove_token(data, "ann")
             service.store.set_view(scan, 1, "moving")
-            assert not any("moving" in line for lines in of_ann for line in left(lines))
+            assert not any("moving" in line for lines in of_ann for line in rest_of(lines))
             for lines in of_bob:
                 while "moving" not in next(lines):
                     pass
             wait_until(lambda: service.streams.open == 2)
-            remove_token(data, "bob")  # and nothing happens: by the next sign of life
+            remove_token(data, "bob")  # without an event, so the next keep-alive comment ends the stream
             for lines in of_bob:
-                left(lines)
+                rest_of(lines)
         finally:
-            for token in read_tokens(data / FILE):
+            for token in read_tokens(data / TOKENS_FILE):
                 remove_token(data, token.name)

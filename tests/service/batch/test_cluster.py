@@ -1,4 +1,4 @@
-"""`--cluster`: a scheduler and workers of somebody else's, here of this test."""
+"""`--cluster` with a scheduler and workers that the command did not start. Here the test starts them."""
 
 import json
 from collections.abc import Iterator
@@ -8,22 +8,22 @@ from typing import Any
 import pytest
 from distributed import LocalCluster
 
-from service.batch import cluster as archive_cluster
+from service.batch import cluster as cluster_module
 from service.batch import recognise_file
 from service.cli.main import main
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """Of a cluster with one worker."""
+    """Address of a cluster with one worker."""
     cluster = LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0")
     with cluster:
         yield cluster.scheduler_address
 
 
-def test_it_recognises_there_and_names_files_as_they_were_asked_for(
+def test_the_cluster_recognises_and_lines_keep_the_given_file_names(
     address: str, recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(recording_file.parent)
@@ -36,7 +36,7 @@ def test_it_recognises_there_and_names_files_as_they_were_asked_for(
     assert documents[0] == documents[2]
 
 
-def test_a_worker_of_another_version_is_told(
+def test_a_worker_of_another_version_is_an_error(
     address: str, recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(recognise_file, "version", lambda _: "99.0")
@@ -46,29 +46,31 @@ def test_a_worker_of_another_version_is_told(
     assert "this is 99.0; install the same there" in err
 
 
-def lacking(*_: object, **__: object) -> None:
-    """As on a worker without the package."""
+def fail_to_import(*_: object, **__: object) -> None:
+    """Fail as on a worker without the package."""
     raise ModuleNotFoundError("No module named 'service'")
 
 
-def test_a_worker_without_the_package_is_told(
+def test_a_worker_without_the_package_is_an_error(
     address: str, recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(archive_cluster, "work_on", lacking)
+    monkeypatch.setattr(cluster_module, "recognise_on_worker", fail_to_import)
     assert main(["recognise", "--cluster", address, str(recording_file)]) == 1
     assert "No module named 'service'): install the same release there" in capsys.readouterr().err
 
 
-def test_no_scheduler_is_told(
+def test_a_missing_scheduler_is_an_error(
     recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(archive_cluster, "SCHEDULER_S", 1.0)
+    monkeypatch.setattr(cluster_module, "SCHEDULER_TIMEOUT_S", 1.0)
     assert main(["recognise", "--cluster", "tcp://127.0.0.1:9", str(recording_file)]) == 1
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
 
 
-def test_no_worker_is_told(recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(archive_cluster, "WORKERS_S", 1.0)
+def test_a_cluster_without_workers_is_an_error(
+    recording_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(cluster_module, "WORKER_TIMEOUT_S", 1.0)
     cluster = LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=":0")
     with cluster:
         assert main(["recognise", "--cluster", cluster.scheduler_address, str(recording_file)]) == 1
@@ -76,7 +78,7 @@ def test_no_worker_is_told(recording_file: Path, capsys: pytest.CaptureFixture[s
 
 
 @pytest.mark.parametrize("error", [RuntimeError("odd"), BaseException("a panic of native code")])
-def test_whatever_goes_wrong_with_one_costs_only_itself(
+def test_an_unexpected_error_affects_only_its_own_line(
     error: BaseException,
     address: str,
     recording_file: Path,
@@ -95,31 +97,31 @@ def test_whatever_goes_wrong_with_one_costs_only_itself(
     first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
     assert first["error"]["type"] == "urn:pointchain:internal"
     assert len(second["chains"]) == 1
-    # On a cluster too, where what a worker raises may be anything.
-    monkeypatch.setattr(archive_cluster, "work_on", unfit)
+    # the same on a cluster, where a worker may raise any exception
+    monkeypatch.setattr(cluster_module, "recognise_on_worker", fail_on_worker)
     assert main(["recognise", "--cluster", address, str(recording_file), "other.mcap"]) == 1
     first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
-    assert "unfit" in first["error"]["detail"]
+    assert "worker failed" in first["error"]["detail"]
     assert second["error"]["type"] == "urn:pointchain:internal"
 
 
-def unfit(*_: object, **__: object) -> None:
-    """As a worker that cannot give back what it made."""
-    raise ValueError("unfit")
+def fail_on_worker(*_: object, **__: object) -> None:
+    """Fail as a worker that cannot return its result."""
+    raise ValueError("worker failed")
 
 
 @pytest.mark.soak  # each worker needs seconds to start
-def test_a_recording_that_ends_every_worker_costs_only_itself(
+def test_a_recording_that_crashes_every_worker_affects_only_its_own_line(
     recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     killer = tmp_path / "killer.mcap"
     killer.write_bytes(recording_file.read_bytes())
-    # A worker is given the next ones as well, which its death takes with it.
+    # a worker also holds the next recordings, which it loses when it dies
     others = [tmp_path / f"{k}.mcap" for k in range(3)]
     for other in others:
         other.write_bytes(recording_file.read_bytes())
     out = tmp_path / "lines.jsonl"
-    # Inherited by the workers: what would be a fault of native code.
+    # the workers inherit this module, which crashes them like an error in native code
     (tmp_path / "sitecustomize.py").write_text(
         "import os, cell.recording as r\n"
         "real = r.read_recording\n"

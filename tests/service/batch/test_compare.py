@@ -1,4 +1,4 @@
-"""`pointchain compare`: what changed between two runs."""
+"""`pointchain compare` lists what changed between two runs."""
 
 import json
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from cell.simulation.scenes.scenes import make_scene
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
-from service.batch.errors import ArchiveError
-from service.batch.model_diff import change
+from service.batch.errors import BatchError
+from service.batch.model_diff import compare_models
 from service.cli.main import main
 
 Document = dict[str, Any]
@@ -32,22 +32,22 @@ def knot() -> Document:
     return json.loads(json.dumps(model.to_json()))
 
 
-def changed(document: Document, how: Callable[[Document], None]) -> Document:
+def changed(document: Document, edit: Callable[[Document], None]) -> Document:
     copy = deepcopy(document)
-    how(copy)
+    edit(copy)
     return copy
 
 
 def shift(document: Document) -> None:
-    """Everything 0.2 mm along y."""
+    """Move everything by 0.2 mm along y."""
     for chain in document["chains"]:
         chain["points"] = (np.array(chain["points"]) + [0.0, 2e-4, 0.0]).tolist()
     for crossing in document["crossings"]:
         crossing["point"][1] += 2e-4
 
 
-def turn_round(document: Document) -> None:
-    """The chain from its other end: the same string."""
+def reverse(document: Document) -> None:
+    """Begin the chain at its other end, which is the same string."""
     (chain,) = document["chains"]
     chain["points"].reverse()
     for crossing in document["crossings"]:
@@ -56,7 +56,7 @@ def turn_round(document: Document) -> None:
 
 
 def exchange(document: Document) -> None:
-    """Over and under at the first crossing."""
+    """Exchange over and under at the first crossing."""
     first = document["crossings"][0]
     first["over"], first["under"] = first["under"], first["over"]
 
@@ -65,7 +65,7 @@ def lose_crossing(document: Document) -> None:
     document["crossings"].pop()
 
 
-def doubt(document: Document) -> None:
+def add_ambiguity(document: Document) -> None:
     document["quality"]["ambiguities"].append("which of the two")
 
 
@@ -74,36 +74,37 @@ def thicken(document: Document) -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "kind", "said"),
+    ("edit", "kind", "message"),
     [
         (shift, "moved", "0.2 mm at most"),
-        (turn_round, "same", ""),
+        (reverse, "same", ""),
         (exchange, "topology", "over and under exchanged at 1"),
         (lose_crossing, "topology", "3 crossings became 2"),
-        (doubt, "doubts", "0 ambiguities became 1"),
+        (add_ambiguity, "doubts", "0 ambiguities became 1"),
         (thicken, "radius", "radius 4.2 mm became 6 mm"),
         (lambda document: document["chains"].clear() or document["crossings"].clear(), "topology", "1 chains became 0"),
     ],
 )
-def test_each_change_has_its_name(knot: Document, how: Callable[[Document], None], kind: str, said: str):
-    found = change("knot", knot, changed(knot, how), 1e-5)
-    assert found.kind == kind
-    assert said in found.what
+def test_each_change_has_its_kind(knot: Document, edit: Callable[[Document], None], kind: str, message: str):
+    change = compare_models("knot", knot, changed(knot, edit), 1e-5)
+    assert change.kind == kind
+    assert message in change.what
 
 
-def test_another_ambiguity_is_a_change_and_another_figure_in_it_is_none(knot: Document):
-    def doubting(words: str) -> Document:
-        return changed(knot, lambda document: document["quality"]["ambiguities"].append(words))
+def test_another_ambiguity_is_a_change_but_another_number_in_it_is_not(knot: Document):
+    def with_ambiguity(text: str) -> Document:
+        return changed(knot, lambda document: document["quality"]["ambiguities"].append(text))
 
-    before = doubting("chain 0 at 92 mm: over or under? (0.61)")
-    assert change("knot", before, doubting("chain 0 at 93 mm: over or under? (0.58)"), 1e-5).kind == "same"
-    found = change("knot", before, doubting("chain 0 at 92 mm: a bar?"), 1e-5)
-    assert (found.kind, found.what) == ("doubts", "1 of 1 ambiguities are others")
+    before = with_ambiguity("chain 0 at 92 mm: over or under? (0.61)")
+    after = with_ambiguity("chain 0 at 93 mm: over or under? (0.58)")
+    assert compare_models("knot", before, after, 1e-5).kind == "same"
+    change = compare_models("knot", before, with_ambiguity("chain 0 at 92 mm: a bar?"), 1e-5)
+    assert (change.kind, change.what) == ("doubts", "1 of 1 ambiguities are different")
 
 
 @pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
-def test_a_ring_that_begins_elsewhere_or_goes_the_other_way_is_the_same(knot: Document, radius_m: float):
-    """The chord of two samples, half a millimetre apart, is off the arc by 1 micrometre at 30 mm."""
+def test_a_ring_with_another_start_or_direction_is_the_same(knot: Document, radius_m: float):
+    """Check rings with 1 micrometre of error: a chord of half a millimetre is off an arc of 30 mm radius by that."""
     turn = np.linspace(0, 2 * np.pi, 100, endpoint=False)
     points = np.column_stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.full(100, 0.004)])
 
@@ -112,17 +113,17 @@ def test_a_ring_that_begins_elsewhere_or_goes_the_other_way_is_the_same(knot: Do
         return knot | {"chains": [chain], "crossings": []}
 
     for other in (np.roll(points, 37, axis=0), points[::-1]):
-        assert change("ring", ring(points), ring(other), 1e-5).kind == "same"
+        assert compare_models("ring", ring(points), ring(other), 1e-5).kind == "same"
 
 
-def test_distances_are_those_between_the_lines(knot: Document):
-    found = change("knot", knot, changed(knot, shift), 1e-5)
-    assert found.mean_m is not None
-    assert found.worst_m is not None
-    # Along the string nothing moves: the mean is less than the shift, the worst, at a strand across it, is the shift.
-    assert 0.5e-4 < found.mean_m < 2e-4
-    assert found.worst_m == pytest.approx(2e-4, rel=0.02)
-    assert change("knot", knot, changed(knot, shift), 3e-4).kind == "same", "within the tolerance"
+def test_distances_are_measured_between_the_lines(knot: Document):
+    change = compare_models("knot", knot, changed(knot, shift), 1e-5)
+    assert change.mean_m is not None
+    assert change.worst_m is not None
+    # a shift along a strand is no distance, so the mean is below the shift; across a strand the distance is the shift
+    assert 0.5e-4 < change.mean_m < 2e-4
+    assert change.worst_m == pytest.approx(2e-4, rel=0.02)
+    assert compare_models("knot", knot, changed(knot, shift), 3e-4).kind == "same", "within the tolerance"
 
 
 @pytest.mark.parametrize(
@@ -130,17 +131,17 @@ def test_distances_are_those_between_the_lines(knot: Document):
 )
 def test_errors_are_compared_too(knot: Document, before: str, after: str, kind: str):
     documents = {"model": knot, "error": ERROR}
-    assert change("knot", documents[before], documents[after], 1e-5).kind == kind
+    assert compare_models("knot", documents[before], documents[after], 1e-5).kind == kind
 
 
 def test_another_error_is_a_change():
     other = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:too-crowded", "detail": "crowded"}}
-    assert change("knot", ERROR, other, 1e-5).kind == "error"
+    assert compare_models("knot", ERROR, other, 1e-5).kind == "error"
 
 
-def test_what_is_no_model_is_refused(knot: Document):
-    with pytest.raises(ArchiveError, match="not of schema"):
-        change("knot", knot, {"chains": 3}, 1e-5)
+def test_a_document_of_another_schema_is_rejected(knot: Document):
+    with pytest.raises(BatchError, match="not of schema"):
+        compare_models("knot", knot, {"chains": 3}, 1e-5)
 
 
 def write(path: Path, documents: list[Document]) -> Path:
@@ -152,9 +153,7 @@ def named(document: Document, name: str) -> Document:
     return document | {"recording": {"file": f"{name}.mcap", "sha256": name * 8}}
 
 
-def test_runs_are_compared_by_the_recordings_content(
-    knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_recordings_are_matched_by_content(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     before = write(tmp_path / "a.jsonl", [named(knot, "a"), named(knot, "b"), named(knot, "c")])
     after = write(
         tmp_path / "b.jsonl", [named(changed(knot, shift), "c"), named(ERROR, "a"), named(knot, "b"), named(knot, "d")]
@@ -162,8 +161,8 @@ def test_runs_are_compared_by_the_recordings_content(
     assert main(["compare", str(before), str(after)]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:4]] == ["1", "1", "1", "1"]
-    assert lines[4].split() == ["no", "model", "any", "more", "a.mcap", "no", "depth"]
-    assert lines[5].startswith("moved")
+    assert lines[4].split() == ["model", "lost", "a.mcap", "no", "depth"]
+    assert lines[5].startswith("lines moved")
     assert "c.mcap" in lines[5]
     assert lines[6].split() == ["only", "after", "d.mcap"]
     assert main(["compare", str(before), str(after), "--json"]) == 1
@@ -172,14 +171,14 @@ def test_runs_are_compared_by_the_recordings_content(
     assert document["only_after"] == ["d.mcap"]
 
 
-def test_what_could_not_be_read_any_more_is_a_loss_and_copies_are_told_apart(
+def test_an_unreadable_recording_is_a_lost_model_and_copies_are_distinguished(
     knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    unread = ERROR | {"recording": {"file": "a.mcap", "sha256": None}}
+    unreadable = ERROR | {"recording": {"file": "a.mcap", "sha256": None}}
     copy = named(knot, "b") | {"recording": {"file": "copy of b.mcap", "sha256": "b" * 8}}
     lost = ERROR | {"recording": copy["recording"]}
     before = write(tmp_path / "a.jsonl", [named(knot, "a"), copy, named(knot, "b")])
-    after = write(tmp_path / "b.jsonl", [named(knot, "b"), unread, lost])
+    after = write(tmp_path / "b.jsonl", [named(knot, "b"), unreadable, lost])
     for first, second, kind in ((before, after, "lost"), (after, before, "gained")):
         assert main(["compare", str(first), str(second), "--json"]) == 1
         document = json.loads(capsys.readouterr().out)
@@ -188,27 +187,29 @@ def test_what_could_not_be_read_any_more_is_a_loss_and_copies_are_told_apart(
         assert document["only_before"] == document["only_after"] == []
 
 
-def test_nothing_changed_is_said_by_the_exit_code(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    before = write(tmp_path / "a.jsonl", [knot, knot])  # as an older release printed them, without names
+def test_the_exit_code_is_0_if_nothing_changed(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    before = write(tmp_path / "a.jsonl", [knot, knot])  # an older release printed no names
     assert main(["compare", str(before), str(before)]) == 0
-    assert capsys.readouterr().out.split() == ["2", "the", "same"]
+    assert capsys.readouterr().out.split() == ["2", "unchanged"]
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [(None, "cannot be read"), (b"\xff\xfe", "not a file of JSON lines"), (b"[1\n", "line 1"), (b"[1]\n", "line 1")],
 )
-def test_what_cannot_be_compared_is_told(
-    knot: Document, tmp_path: Path, content: bytes | None, said: str, capsys: pytest.CaptureFixture[str]
+def test_a_file_that_cannot_be_compared_is_an_error(
+    knot: Document, tmp_path: Path, content: bytes | None, message: str, capsys: pytest.CaptureFixture[str]
 ):
     before, after = write(tmp_path / "a.jsonl", [knot]), tmp_path / "b.jsonl"
     if content is not None:
         after.write_bytes(content)
     assert main(["compare", str(before), str(after)]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_nothing_in_common_is_told(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_runs_without_a_common_recording_are_an_error(
+    knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     before = write(tmp_path / "a.jsonl", [named(knot, "a")])
     after = write(tmp_path / "b.jsonl", [named(knot, "b")])
     assert main(["compare", str(before), str(after)]) == 2

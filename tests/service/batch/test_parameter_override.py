@@ -1,4 +1,4 @@
-"""`pointchain recognise --set`: parameters in place of those for the radius."""
+"""`pointchain recognise --set` replaces parameters that follow from the radius."""
 
 import json
 from pathlib import Path
@@ -26,17 +26,17 @@ def recognised(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[s
     return document
 
 
-def test_the_model_and_its_line_say_what_was_set(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_model_and_its_line_hold_the_settings(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = recognised(capsys, recording)
     changed = recognised(capsys, recording, "--set", "z_t=0.004", "--set", "r_cn=0.013")
     assert changed["parameters"] == plain["parameters"] | {"z_t_m": 0.004, "r_cn_m": 0.013}
     assert changed["asked"] == plain["asked"] | {"settings": {"r_cn": 0.013, "z_t": 0.004}}
     assert changed["chains"] != plain["chains"]
-    # The order on the command line changes nothing.
+    # the order on the command line does not matter
     assert recognised(capsys, recording, "--set", "r_cn=0.013", "--set", "z_t=0.004") == changed
 
 
-def test_the_values_of_the_radius_give_the_same_model(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_setting_the_default_values_gives_the_same_model(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plain = recognised(capsys, recording)
     same = recognised(capsys, recording, "--set", f"r_cn={plain['parameters']['r_cn_m']!r}")
     assert same["chains"] == plain["chains"]
@@ -49,7 +49,7 @@ def test_worker_processes_use_the_settings(recording: Path, capsys: pytest.Captu
     assert recognised(capsys, recording, "--method", "enhanced", "--set", "rho_t=0.8", "--jobs", 1) == alone
 
 
-def test_an_output_file_with_other_settings_is_left_alone(
+def test_an_output_file_with_other_settings_is_unchanged(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out.jsonl"
@@ -62,7 +62,7 @@ def test_an_output_file_with_other_settings_is_left_alone(
         assert "settings {'z_t': 0.004}, now" in capsys.readouterr().err
         assert out.read_bytes() == before
     assert main([*command, "--set", "z_t=0.004"]) == 0
-    assert "1 had their line already" in capsys.readouterr().err
+    assert "1 were done before" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_an_output_file_with_other_settings_is_left_alone(
         (["--set", "z_t=0.01", "--radius", "0.0042"], "the parameters break 0 < z_t < 2 r (Table I)"),
     ],
 )
-def test_refused_before_any_work(
+def test_invalid_settings_are_rejected_before_any_work(
     recording: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["recognise", str(recording), *arguments]) == 1
@@ -94,13 +94,15 @@ def test_refused_before_any_work(
         ("z_t=", "z_t is ''; a finite number is needed"),
     ],
 )
-def test_not_a_number(recording: Path, setting: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_setting_needs_a_finite_number(
+    recording: Path, setting: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit):
         main(["recognise", str(recording), "--set", setting])
     assert message in capsys.readouterr().err
 
 
-def test_what_the_recordings_own_radius_breaks_is_an_error_on_its_line(
+def test_a_setting_that_breaks_the_constraints_of_one_recording_is_an_error_on_its_line(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["recognise", str(recording), "--set", "z_t=0.01"]) == 1

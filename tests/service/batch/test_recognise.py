@@ -1,4 +1,4 @@
-"""`pointchain recognise` over many recordings: by several processes, into a file, gone on with after it was ended."""
+"""`pointchain recognise` over many recordings: several processes, an output file, and continued runs."""
 
 import dataclasses
 import json
@@ -19,19 +19,19 @@ from calibration.geometry.transforms import from_rotation_vector
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.batch import recognise as archive_recognise
+from service.batch import recognise as recognise_module
 from service.cli.main import main
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: some are several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because some tests run several busy processes
 
 RECORDINGS = 6
 POINTCHAIN = (sys.executable, "-c", "import sys; from service.cli.main import main; sys.exit(main())", "recognise")
 
 
 @pytest.fixture(scope="module")
-def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with recordings of other scenes, one in a folder of its own, and one that is damaged."""
-    folder = tmp_path_factory.mktemp("archive")
+def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with recordings of different scenes, one of them in a subfolder, and a damaged one."""
+    folder = tmp_path_factory.mktemp("batch")
     (folder / "deeper").mkdir()
     for seed in range(RECORDINGS):
         scan = simulate(make_scene("random", seed), camera_model("ideal", (320, 200)), seed, views=4)
@@ -42,53 +42,51 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def one_by_one(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What this process alone makes of it."""
+def one_by_one(batch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Output of a run in this process alone."""
     out = tmp_path_factory.mktemp("out") / "one.jsonl"
-    assert main(["recognise", str(archive), "--out", str(out)]) == 1, "one recording is damaged"
+    assert main(["recognise", str(batch), "--out", str(out)]) == 1, "one recording is damaged"
     return out
 
 
 def figures(lines: str) -> list[dict[str, Any]]:
-    """The documents, without how long it took."""
+    """Return the documents without their times."""
     documents = [json.loads(line) for line in lines.splitlines()]
     for document in documents:
         document.pop("timing_s", None)
     return documents
 
 
-def counting(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The files that are recognised from now on."""
-    begun: list[str] = []
-    real = archive_recognise.recognise_file
+def count_recognised(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that collects the files recognised from now on."""
+    recognised: list[str] = []
+    real = recognise_module.recognise_file
 
     def recognise_file(file: str, *args: Any) -> Any:
-        begun.append(Path(file).name)
+        recognised.append(Path(file).name)
         return real(file, *args)
 
-    monkeypatch.setattr(archive_recognise, "recognise_file", recognise_file)
-    return begun
+    monkeypatch.setattr(recognise_module, "recognise_file", recognise_file)
+    return recognised
 
 
-def test_a_folder_stands_for_its_recordings_in_order(archive: Path, one_by_one: Path):
+def test_a_folder_stands_for_its_recordings_in_order(batch: Path, one_by_one: Path):
     documents = figures(one_by_one.read_text())
-    assert [document["recording"]["file"] for document in documents] == [
-        str(p) for p in sorted(archive.rglob("*.mcap"))
-    ]
+    assert [document["recording"]["file"] for document in documents] == [str(p) for p in sorted(batch.rglob("*.mcap"))]
     damaged = next(document for document in documents if "damaged" in document["recording"]["file"])
     assert damaged["error"]["type"] == "urn:pointchain:recording-empty"
     assert sum("chains" in document for document in documents) == RECORDINGS
     assert not one_by_one.with_name("one.jsonl.part").exists()
 
 
-def test_a_folder_without_recordings_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_without_recordings_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["recognise", str(tmp_path)]) == 1
     assert "has no recordings" in capsys.readouterr().err
 
 
-def test_parquet_has_the_same_documents(archive: Path, one_by_one: Path, tmp_path: Path):
+def test_parquet_has_the_same_documents(batch: Path, one_by_one: Path, tmp_path: Path):
     out = tmp_path / "lines.parquet"
-    assert main(["recognise", str(archive), "--out", str(out)]) == 1
+    assert main(["recognise", str(batch), "--out", str(out)]) == 1
     table = pq.read_table(out)
     wanted = figures(one_by_one.read_text())
     assert figures("\n".join(table["document"].to_pylist())) == wanted
@@ -99,50 +97,50 @@ def test_parquet_has_the_same_documents(archive: Path, one_by_one: Path, tmp_pat
     assert [error for error in table["error"].to_pylist() if error] == ["recording-empty"]
 
 
-def test_only_what_is_new_changed_or_worth_another_trial_is_recognised_again(
-    archive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_only_new_changed_and_unreadable_recordings_are_recognised_again(
+    batch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     out, folder = tmp_path / "lines.jsonl", tmp_path / "recordings"
     folder.mkdir()
     for seed in (1, 2, 3):
-        (folder / f"{seed}.mcap").write_bytes((archive / f"random-{seed}.mcap").read_bytes())
-    (folder / "damaged.mcap").write_bytes((archive / "damaged.mcap").read_bytes())
+        (folder / f"{seed}.mcap").write_bytes((batch / f"random-{seed}.mcap").read_bytes())
+    (folder / "damaged.mcap").write_bytes((batch / "damaged.mcap").read_bytes())
     files = [*map(str, sorted(folder.iterdir())), str(folder / "late.mcap")]
     command = ["recognise", *files, "--out", str(out)]
     assert main(command) == 1
     first = figures(out.read_text())
-    assert first[-1]["error"]["type"] == "urn:pointchain:recording-unreadable", "late.mcap is not there yet"
+    assert first[-1]["error"]["type"] == "urn:pointchain:recording-unreadable", "late.mcap does not exist yet"
 
-    begun = counting(monkeypatch)
-    (folder / "late.mcap").write_bytes((archive / "random-4.mcap").read_bytes())
-    (folder / "2.mcap").write_bytes((archive / "random-5.mcap").read_bytes())
+    recognised = count_recognised(monkeypatch)
+    (folder / "late.mcap").write_bytes((batch / "random-4.mcap").read_bytes())
+    (folder / "2.mcap").write_bytes((batch / "random-5.mcap").read_bytes())
     (folder / "3.mcap").unlink()
     assert main(command) == 1
-    assert begun == ["2.mcap", "late.mcap"]
+    assert recognised == ["2.mcap", "late.mcap"]
     second = figures(out.read_text())
     assert [document["recording"]["file"] for document in second] == files
-    assert second[2] == first[2], "of a recording that is gone the model stays"
+    assert second[2] == first[2], "the model of a deleted recording is kept"
     assert second[1]["chains"] != first[1]["chains"]
     assert "chains" in second[-1]
 
 
-def test_what_was_done_under_another_name_is_not_done_again(
-    archive: Path, one_by_one: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_renamed_recording_is_not_recognised_again(
+    batch: Path, one_by_one: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     out, folder = tmp_path / "lines.parquet", tmp_path / "recordings"
     folder.mkdir()
     for seed in (1, 2):
-        (folder / f"{seed}.mcap").write_bytes((archive / f"random-{seed}.mcap").read_bytes())
+        (folder / f"{seed}.mcap").write_bytes((batch / f"random-{seed}.mcap").read_bytes())
     monkeypatch.chdir(tmp_path)
     assert main(["recognise", "recordings", "--out", str(out)]) == 0
     first = pq.read_table(out).to_pylist()
 
-    begun = counting(monkeypatch)
-    assert main(["recognise", str(folder), "--out", str(out)]) == 0, "the same, told otherwise"
+    recognised = count_recognised(monkeypatch)
+    assert main(["recognise", str(folder), "--out", str(out)]) == 0, "the same folder by another path"
     folder.rename(tmp_path / "moved")
     (tmp_path / "moved" / "copy.mcap").write_bytes((tmp_path / "moved" / "1.mcap").read_bytes())
     assert main(["recognise", "moved", "--out", str(out)]) == 0
-    assert begun == []
+    assert recognised == []
     last = pq.read_table(out).to_pylist()
     assert [row["file"] for row in last] == ["moved/1.mcap", "moved/2.mcap", "moved/copy.mcap"]
     assert [json.loads(row["document"])["recording"]["file"] for row in last] == [row["file"] for row in last]
@@ -153,15 +151,15 @@ def test_what_was_done_under_another_name_is_not_done_again(
     for old, new in ((one, kept), (two, one), (kept, two)):
         old.rename(new)
     assert main(["recognise", "moved", "--out", str(out)]) == 0
-    assert begun == []
+    assert recognised == []
     last = pq.read_table(out).to_pylist()
-    assert [row["sha256"] for row in last[-2:]] == [first[1]["sha256"], first[0]["sha256"]], "they have changed places"
+    assert [row["sha256"] for row in last[-2:]] == [first[1]["sha256"], first[0]["sha256"]], "the two were exchanged"
     assert [row["length_m"] for row in last[-2:]] == [first[1]["length_m"], first[0]["length_m"]]
 
 
-def test_a_name_that_is_no_text_has_its_row(archive: Path, tmp_path: Path):
+def test_a_file_name_that_is_not_valid_text_has_a_row(batch: Path, tmp_path: Path):
     odd = tmp_path / os.fsdecode(b"caf\xe9.mcap")
-    odd.write_bytes((archive / "damaged.mcap").read_bytes())
+    odd.write_bytes((batch / "damaged.mcap").read_bytes())
     out = tmp_path / "lines.parquet"
     assert main(["recognise", str(odd), "--out", str(out)]) == 1
     (row,) = pq.read_table(out).to_pylist()
@@ -169,22 +167,24 @@ def test_a_name_that_is_no_text_has_its_row(archive: Path, tmp_path: Path):
     assert row["error"] == "recording-empty"
 
 
-def test_linked_folders_are_looked_into_once(archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_linked_folders_are_searched_once(batch: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "damaged").mkdir()
-    (tmp_path / "damaged" / "one.mcap").write_bytes((archive / "damaged.mcap").read_bytes())
-    asked = tmp_path / "asked"
-    asked.mkdir()
-    (asked / "linked").symlink_to(tmp_path / "damaged")
-    (asked / "round").symlink_to(asked)
-    assert main(["recognise", str(asked)]) == 1
+    (tmp_path / "damaged" / "one.mcap").write_bytes((batch / "damaged.mcap").read_bytes())
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "linked").symlink_to(tmp_path / "damaged")
+    (folder / "loop").symlink_to(folder)
+    assert main(["recognise", str(folder)]) == 1
     (line,) = capsys.readouterr().out.splitlines()
-    assert json.loads(line)["recording"]["file"] == str(asked / "linked" / "one.mcap")
+    assert json.loads(line)["recording"]["file"] == str(folder / "linked" / "one.mcap")
 
 
-def test_pictures_cost_no_model_and_overwrite_none(archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_failed_picture_keeps_the_model_and_pictures_are_not_overwritten(
+    batch: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "scan.mcap").write_bytes((archive / "random-1.mcap").read_bytes())
+        (tmp_path / name / "scan.mcap").write_bytes((batch / "random-1.mcap").read_bytes())
     trace = ["--trace", str(tmp_path / "pictures")]
     assert main(["recognise", str(tmp_path / "a"), str(tmp_path / "b"), *trace]) == 1
     assert "2 recordings are called scan" in capsys.readouterr().err
@@ -192,48 +192,48 @@ def test_pictures_cost_no_model_and_overwrite_none(archive: Path, tmp_path: Path
     assert main(["recognise", str(tmp_path / "a"), *trace]) == 0
     out, err = capsys.readouterr()
     assert "chains" in json.loads(out)
-    assert "no pictures: JSONDecodeError" in err
+    assert "no pictures were written: JSONDecodeError" in err
 
 
-def test_a_run_that_was_killed_is_gone_on_with(archive: Path, one_by_one: Path, tmp_path: Path):
+def test_a_killed_run_is_continued(batch: Path, one_by_one: Path, tmp_path: Path):
     out = tmp_path / "lines.jsonl"
     part = tmp_path / "lines.jsonl.part"
-    command = [*POINTCHAIN, str(archive), "--out", str(out)]
+    command = [*POINTCHAIN, str(batch), "--out", str(out)]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as process:
-        wait(lambda: part.exists() and part.read_bytes().count(b"\n") >= 2)
+        wait_until(lambda: part.exists() and part.read_bytes().count(b"\n") >= 2)
         process.kill()
     assert not out.exists()
     done = part.read_bytes().count(b"\n")
     with part.open("ab") as file:
-        file.write(b'{"schema": "pointchain/1", "chai')  # as a kill in the middle of a line leaves it
+        file.write(b'{"schema": "pointchain/1", "chai')  # a line that a kill cut off
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
-    assert f"{done} had their line already" in again.stderr
+    assert f"{done} were done before" in again.stderr
     assert figures(out.read_text()) == figures(one_by_one.read_text())
     assert not part.exists()
 
 
-def test_ctrl_c_ends_all_processes_quietly_and_keeps_the_lines(archive: Path, tmp_path: Path):
+def test_ctrl_c_ends_all_processes_quietly_and_keeps_the_lines(batch: Path, tmp_path: Path):
     part = tmp_path / "lines.jsonl.part"
-    many = tmp_path / "many"  # more than can be done before anybody notices that one is
+    many = tmp_path / "many"  # too many to finish before the test notices the first line
     many.mkdir()
     for number in range(60):
-        (many / f"{number}.mcap").hardlink_to(archive / "random-1.mcap")
+        (many / f"{number}.mcap").hardlink_to(batch / "random-1.mcap")
     command = [*POINTCHAIN, str(many), "--jobs", "2", "--out", str(tmp_path / "lines.jsonl")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
-        wait(lambda: part.exists() and part.read_bytes().count(b"\n") >= 1)
+        wait_until(lambda: part.exists() and part.read_bytes().count(b"\n") >= 1)
         workers = psutil.Process(process.pid).children(recursive=True)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the workers get it too
+        os.killpg(process.pid, signal.SIGINT)  # a terminal also sends it to the workers
         err = process.communicate(timeout=60)[1]
     assert process.returncode == 130
     assert err.splitlines() == ["stopped"]
     assert len(workers) >= 2
-    assert not psutil.wait_procs(workers, timeout=20)[1], "a process is left over"
+    assert not psutil.wait_procs(workers, timeout=20)[1], "a worker still runs"
     assert part.read_bytes().count(b"\n") >= 1
 
 
-def test_several_processes_print_the_same_in_the_same_order_though_one_is_killed(archive: Path, one_by_one: Path):
-    command = [*POINTCHAIN, str(archive), "--jobs", "2"]
+def test_several_processes_print_the_same_lines_in_order_even_if_one_is_killed(batch: Path, one_by_one: Path):
+    command = [*POINTCHAIN, str(batch), "--jobs", "2"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         first = process.stdout.readline()
@@ -251,57 +251,57 @@ def test_several_processes_print_the_same_in_the_same_order_though_one_is_killed
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--method", "enhanced"], "method graph, now enhanced"),
         (["--radius", "0.004"], "radius_m None, now 0.004"),
         (["--radius", "nan"], "radius_m None, now nan"),
     ],
 )
-def test_other_questions_do_not_go_into_the_same_file(
-    archive: Path, one_by_one: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+def test_a_file_of_other_settings_is_rejected_and_unchanged(
+    batch: Path, one_by_one: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ):
     before = one_by_one.read_bytes()
-    assert main(["recognise", str(archive), "--out", str(one_by_one), *arguments]) == 1
+    assert main(["recognise", str(batch), "--out", str(one_by_one), *arguments]) == 1
     err = capsys.readouterr().err
-    assert said in err
+    assert message in err
     assert "name another file" in err
     assert one_by_one.read_bytes() == before
     assert not one_by_one.with_name("one.jsonl.part").exists()
 
 
-def test_a_file_of_something_else_is_left_alone(
-    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_a_file_of_another_kind_is_rejected_and_unchanged(
+    batch: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    begun = counting(monkeypatch)
+    recognised = count_recognised(monkeypatch)
     out = tmp_path / "notes.jsonl"
     out.write_text('{"dear": "diary"}\n')
-    assert main(["recognise", str(archive), "--out", str(out)]) == 1
-    assert "no output of such a run" in capsys.readouterr().err
+    assert main(["recognise", str(batch), "--out", str(out)]) == 1
+    assert "is not the output of pointchain recognise" in capsys.readouterr().err
     assert out.read_text() == '{"dear": "diary"}\n'
-    assert not begun
+    assert not recognised
 
 
-def test_where_it_cannot_be_written_is_said_before_any_work(
-    archive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_an_unwritable_output_file_is_reported_before_any_work(
+    batch: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    begun = counting(monkeypatch)
-    assert main(["recognise", str(archive), "--out", str(tmp_path / "nowhere" / "lines.jsonl")]) == 1
+    recognised = count_recognised(monkeypatch)
+    assert main(["recognise", str(batch), "--out", str(tmp_path / "nowhere" / "lines.jsonl")]) == 1
     assert "cannot be written: No such file or directory" in capsys.readouterr().err
-    with pytest.raises(SystemExit) as ended:
-        main(["recognise", str(archive), "--out", str(tmp_path / "lines.csv")])
-    assert ended.value.code == 2
-    assert not begun
+    with pytest.raises(SystemExit) as exit_info:
+        main(["recognise", str(batch), "--out", str(tmp_path / "lines.csv")])
+    assert exit_info.value.code == 2
+    assert not recognised
 
 
-def wait(for_what: Callable[[], bool]) -> None:
-    limit_s = time.monotonic() + 60.0
-    while not for_what():
-        assert time.monotonic() < limit_s, "it did not happen"
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline_s, "timeout"
         time.sleep(0.01)
 
 
-def test_a_view_that_is_not_used_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unused_view_is_reported_with_its_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scan = simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 2, views=6)
     moved = from_rotation_vector((0.03, 0.0, 0.0), (0.0, 0.0, 0.0))
     views = [

@@ -39,12 +39,12 @@ def small(monkeypatch: pytest.MonkeyPatch) -> SimulatedScan:
 
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Replace the measurements, which take a minute, by given figures."""
+    """Replace the measurements, which take a minute, by fixed results."""
     monkeypatch.setattr(
         "service.benchmark.command.measure_speed",
-        lambda say: Speed(0.25, 5.0, 20.0, 0.1, 0.75, 80.0, {"preprocess": 0.05}),
+        lambda report: Speed(0.25, 5.0, 20.0, 0.1, 0.75, 80.0, {"preprocess": 0.05}),
     )
-    monkeypatch.setattr("service.benchmark.command.measure_growth", lambda say: Growth(SERIES, SERIES, SERIES))
+    monkeypatch.setattr("service.benchmark.command.measure_growth", lambda report: Growth(SERIES, SERIES, SERIES))
 
 
 @pytest.mark.usefixtures("small")
@@ -67,7 +67,7 @@ def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.Captur
         assert 0.0 <= low <= summary["topology"] <= high <= 1.0
         low, high = document["sigma"]["all"][method]["within_2_sigma_interval_95"]
         assert 0.0 <= low <= document["sigma"]["all"][method]["within_2_sigma"] <= high <= 1.0
-        # Millimetres: the given poses are off by half a millimetre.
+        # the given poses have errors of half a millimetre
         assert 0.05 < summary["mean_mm"] < 2.0
         assert summary["cover"] > 0.9
         assert document["sigma"]["paper"][method] == document["sigma"]["soft"][method]
@@ -89,7 +89,7 @@ def test_each_tier_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, caps
     assert items == [(tier, seed) for tier in ("paper", "soft", "hard") for seed in range(2)]
     assert outputs[0].startswith("| tier | method | scenes | topology right | 95 % interval | ")
     assert outputs[0].splitlines()[1].startswith("| --- |")
-    # The rows of a tier are there before the next tier begins.
+    # the rows of a tier are printed before the next tier begins
     assert (outputs[1], outputs[3], outputs[5]) == ("", "", "")
     for tier, out in (("paper", outputs[2]), ("soft", outputs[4])):
         rows = [line.split(" | ") for line in out.splitlines()]
@@ -119,7 +119,7 @@ def test_speed_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("measured")
-def test_people_get_tables(capsys: pytest.CaptureFixture[str]) -> None:
+def test_speed_is_printed_as_tables(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "speed"]) == 0
     out, err = capsys.readouterr()
     assert "| 640x400 | 0.250 s |" in out
@@ -130,9 +130,9 @@ def test_people_get_tables(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.usefixtures("measured")
 def test_a_part_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def measure_growth(say: Callable[[str], None]) -> Growth:
+    def measure_growth(report: Callable[[str], None]) -> Growth:
         assert "| 640x400 | 0.250 s |" in capsys.readouterr().out, "the speed was printed before growth is measured"
-        say("growth")
+        report("growth")
         return Growth(SERIES, SERIES, SERIES)
 
     monkeypatch.setattr("service.benchmark.command.measure_growth", measure_growth)
@@ -142,7 +142,7 @@ def test_a_part_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys:
     assert re.search(r"^pointchain bench: growth \(about \d+ (s|min) left\)$", err, re.MULTILINE)
 
 
-def test_the_service_is_printed_too(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_service_part_is_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     answers = Answers(1234.5, 0.00612345, 0.0187)
     times = ServiceTimes(
         idle=answers,
@@ -162,7 +162,7 @@ def test_the_service_is_printed_too(capsys: pytest.CaptureFixture[str], monkeypa
         answer_p99_s=0.04,
         still_p99_s=0.3,
     )
-    monkeypatch.setattr("service.benchmark.command.measure_service", lambda say: times)
+    monkeypatch.setattr("service.benchmark.command.measure_service", lambda report: times)
     assert main(["bench", "--only", "service", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert set(document) == {"machine", "service"}
@@ -173,14 +173,14 @@ def test_the_service_is_printed_too(capsys: pytest.CaptureFixture[str], monkeypa
     assert "| a live scan under load | 21.0 s, 1.05 times as long |" in out
     assert "| stop to the controller, 50 % and 99 % of 40 | 10 ms, 20 ms |" in out
     monkeypatch.setattr(
-        "service.benchmark.command.measure_service", lambda say: replace(times, loaded_scan_s=None, failed_scans=2)
+        "service.benchmark.command.measure_service", lambda report: replace(times, loaded_scan_s=None, failed_scans=2)
     )
     assert main(["bench", "--only", "service"]) == 0
     assert "| a live scan under load | none succeeded |" in capsys.readouterr().out
 
 
-def test_a_part_that_fails_says_why(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(say: Callable[[str], None]) -> None:
+def test_a_failed_part_gives_its_reason(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(report: Callable[[str], None]) -> None:
         raise MeasurementError("the scan ended failed: the robot was lost")
 
     monkeypatch.setattr("service.benchmark.command.measure_cell", fail)
@@ -198,7 +198,7 @@ def test_a_part_that_fails_says_why(capsys: pytest.CaptureFixture[str], monkeypa
         (["--tiers", "paper,easy"], "there is no tier 'easy'; known are paper"),
     ],
 )
-def test_wrong_calls_say_what_is_wrong(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_arguments_are_reported(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", *arguments]) == 1
     out, err = capsys.readouterr()
     assert out == ""

@@ -1,4 +1,4 @@
-"""The estimate of how long `pointchain bench` takes."""
+"""The estimate of the duration of `pointchain bench`."""
 
 import pytest
 
@@ -49,28 +49,28 @@ def test_the_paced_parts_depend_little_on_the_machine() -> None:
 def test_remaining_time_starts_with_the_estimate_and_follows_the_pace() -> None:
     assert remaining_s(100.0, 0.0) == 100.0
     assert remaining_s(100.0, 40.0) == pytest.approx(60.0)
-    assert 0.0 < remaining_s(100.0, 200.0) < 20.0, "late, and not done"
+    assert 0.0 < remaining_s(100.0, 200.0) < 20.0, "late and not done"
     assert remaining_s(100.0, 0.0, share_done=0.0) == 100.0
     assert remaining_s(100.0, 25.0, share_done=0.25) == pytest.approx(75.0), "on time"
     assert remaining_s(100.0, 90.0, share_done=0.9) == pytest.approx(10.0)
-    # Twice as slow as estimated: 20 s are really left after 180 s.
+    # twice as slow as estimated: after 180 s, 20 s are really left
     assert remaining_s(100.0, 180.0, share_done=0.9) == pytest.approx(20.0, abs=2.0)
     assert remaining_s(100.0, 250.0, share_done=1.0) == 0.0
 
 
 def test_the_probe_times_each_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+    calls = []
 
     def map_in_processes(work: object, items: range, jobs: int) -> list[float]:
-        asked.append((len(items), jobs))
+        calls.append((len(items), jobs))
         return [1.0, 3.0]
 
     monkeypatch.setattr("service.benchmark.estimate.map_in_processes", map_in_processes)
     probe = measure_probe(2)
-    assert asked == [(2, 2)]
+    assert calls == [(2, 2)]
     assert probe == Probe(start_s=0.0, case_s=2.0)
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (65.2, "65 s"), (179.0, "179 s"), (181.0, "3 min")])
-def test_durations_are_for_people(seconds: float, text: str) -> None:
+def test_durations_are_in_seconds_or_minutes(seconds: float, text: str) -> None:
     assert duration(seconds) == text

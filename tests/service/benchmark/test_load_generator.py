@@ -1,31 +1,35 @@
-"""The clients that a benchmark sets on a service: what they tell of it."""
+"""The load generator sends requests to a service and reports the answers."""
 
 import json
 import time
 
 import pytest
 
-from service.benchmark.load_generator import Load, Wanted, asking, length_of
+from service.benchmark.load_generator import Load, LoadRequest, content_length, run_load
 from tests.service.conftest import ServedClient, wait_until
 
 
-def test_what_is_met_is_counted(client: ServedClient) -> None:
+def test_answers_and_streams_are_counted(client: ServedClient) -> None:
     port = client.base_url.port
     assert port is not None
-    mix = [Wanted("lists", "/api/scans"), Wanted("none", "/api/scans/none", 404), Wanted("wrong", "/healthz", 304)]
-    with asking(Load(port, connections=2, requests=mix, pause_s=0.01, streams=4)) as met:
+    mix = [
+        LoadRequest("lists", "/api/scans"),
+        LoadRequest("none", "/api/scans/none", 404),
+        LoadRequest("wrong", "/healthz", 304),
+    ]
+    with run_load(Load(port, connections=2, requests=mix, pause_s=0.01, streams=4)) as results:
         wait_until(lambda: client.app.state.context.streams.open == 4)
-        time.sleep(0.5)  # each asks some times
-    assert set(met["seconds"]) == {"lists", "none", "wrong"}
-    assert all(seconds > 0 for times in met["seconds"].values() for seconds in times)
-    assert set(met["wrong"]) == {"/healthz: 200 instead of 304"}
-    assert len(met["wrong"]) == len(met["seconds"]["wrong"])
-    assert met["duration_s"] >= 0.5
-    assert (met["let_in"], met["refused"]) == (4, 0)
+        time.sleep(0.5)  # each client sends several requests
+    assert set(results["seconds"]) == {"lists", "none", "wrong"}
+    assert all(seconds > 0 for times in results["seconds"].values() for seconds in times)
+    assert set(results["wrong"]) == {"/healthz: 200 instead of 304"}
+    assert len(results["wrong"]) == len(results["seconds"]["wrong"])
+    assert results["duration_s"] >= 0.5
+    assert (results["let_in"], results["refused"]) == (4, 0)
 
 
-def test_a_load_goes_to_another_process_as_it_is() -> None:
-    load = Load(8000, 3, [Wanted("model", "/api/scans/x/model", 304, '"tag"')], pause_s=0.1, streams=2)
+def test_a_load_is_unchanged_by_its_json_form() -> None:
+    load = Load(8000, 3, [LoadRequest("model", "/api/scans/x/model", 304, '"tag"')], pause_s=0.1, streams=2)
     assert Load.from_json(load.to_json()) == load
     assert b'\r\nIf-None-Match: "tag"\r\n' in load.requests[0].request(8000)
     assert json.loads(load.to_json())["port"] == 8000
@@ -39,5 +43,5 @@ def test_a_load_goes_to_another_process_as_it_is() -> None:
         (b"HTTP/1.1 304 Not Modified\r\nETag: x", 0),
     ],
 )
-def test_an_answer_is_as_long_as_it_says(head: bytes, length: int) -> None:
-    assert length_of(head) == length
+def test_the_content_length_is_read_from_the_head(head: bytes, length: int) -> None:
+    assert content_length(head) == length

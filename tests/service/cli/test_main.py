@@ -1,4 +1,4 @@
-"""The command line as a person or a script meets it: what is on stdout, on stderr, and the exit code."""
+"""The command line: stdout, stderr and exit code of the commands."""
 
 import json
 import re
@@ -19,7 +19,7 @@ from service.storage.data_folder import DataFolder
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
-    """Exit code, the documents on stdout, and stderr."""
+    """Return the exit code, the documents on stdout, and stderr."""
     code = main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()
     return code, [json.loads(line) for line in out.splitlines()], err
@@ -32,7 +32,7 @@ def write(path: Path, header: RecordingHeader, views: Any) -> Path:
     return path
 
 
-def test_recognise_prints_a_model_a_line(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
+def test_recognise_prints_one_model_per_line(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
     code, models, err = run(capsys, "recognise", recording_file, recording_file)
     assert (code, err) == (0, "")
     assert [len(model["chains"]) for model in models] == [1, 1]
@@ -41,7 +41,7 @@ def test_recognise_prints_a_model_a_line(capsys: pytest.CaptureFixture[str], rec
     assert models[0]["parameters"]["r_m"] == 0.0042
 
 
-def test_a_bad_file_does_not_stop_the_others(
+def test_recognise_continues_after_a_bad_file(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     bad = tmp_path / "bad.mcap"
@@ -59,7 +59,7 @@ def test_a_bad_file_does_not_stop_the_others(
     ("name", "content", "slug"),
     [("empty", b"", "not-mcap"), ("text", b"hello", "not-mcap"), ("missing", None, "recording-unreadable")],
 )
-def test_files_that_are_no_recording(
+def test_a_file_that_is_not_a_recording_is_rejected(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str, content: bytes | None, slug: str
 ) -> None:
     path = tmp_path / f"{name}.mcap"
@@ -72,7 +72,9 @@ def test_files_that_are_no_recording(
 
 
 @pytest.mark.parametrize("radius", ["0", "-0.004", "0.0001", "0.1", "nan", "inf"])
-def test_radii_that_are_no_strings(capsys: pytest.CaptureFixture[str], recording_file: Path, radius: str) -> None:
+def test_an_impossible_radius_is_rejected(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, radius: str
+) -> None:
     code, (document,), err = run(capsys, "recognise", recording_file, f"--radius={radius}")
     assert code == 1
     assert document["error"]["type"] == "urn:pointchain:invalid-parameters"
@@ -90,7 +92,7 @@ def test_an_unknown_radius_is_measured(
     assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
 
 
-def test_one_view_is_refused(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
+def test_one_view_is_rejected(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
     recording = read_recording(recording_file)
     path = write(tmp_path / "one.mcap", recording.header, recording.views[:1])
     code, (document,), _ = run(capsys, "recognise", path)
@@ -98,7 +100,7 @@ def test_one_view_is_refused(capsys: pytest.CaptureFixture[str], recording_file:
     assert document["error"]["type"] == "urn:pointchain:insufficient-views"
 
 
-def test_views_without_any_depth_are_refused(
+def test_views_without_depth_are_rejected(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     recording = read_recording(recording_file)
@@ -109,7 +111,7 @@ def test_views_without_any_depth_are_refused(
     assert "no pixel has a depth" in err
 
 
-def test_a_dead_view_is_left_out_and_said(
+def test_a_constant_view_is_excluded_and_reported(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     recording = read_recording(recording_file)
@@ -126,7 +128,7 @@ def test_no_string_in_view_is_a_valid_empty_model(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     recording = read_recording(recording_file)
-    # A part of the table on which the string does not lie.
+    # the string does not lie on this part of the table
     beside = replace(recording.header, workspace_m=((-0.2, -0.12), (-0.2, -0.12), (0.0, 0.1)))
     code, (model,), _ = run(capsys, "recognise", write(tmp_path / "none.mcap", beside, recording.views))
     assert code == 0
@@ -134,7 +136,7 @@ def test_no_string_in_view_is_a_valid_empty_model(
     assert "no string of this radius in view" in model["quality"]["warnings"][0]
 
 
-def test_a_workspace_where_nothing_is_is_refused(
+def test_a_workspace_without_depth_is_rejected(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     recording = read_recording(recording_file)
@@ -145,7 +147,7 @@ def test_a_workspace_where_nothing_is_is_refused(
     assert "workspace" in err
 
 
-def test_truncated_anywhere_gives_a_model_or_an_error(
+def test_a_truncated_recording_gives_a_model_or_an_error(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     whole = recording_file.read_bytes()
@@ -160,10 +162,10 @@ def test_truncated_anywhere_gives_a_model_or_an_error(
     for document in documents:
         if "error" not in document:
             assert len(document["chains"]) == 1
-            # A cut in the index behind the last view loses nothing that matters.
+            # a cut in the index after the last view loses no data
             lost = len(document["quality"]["views"]) < 4
             assert lost == any("file ends" in warning for warning in document["quality"]["warnings"])
-    # With four views of about equal size, cuts behind the second leave enough for a model.
+    # with four views of about equal size, a cut after the second view leaves enough for a model
     assert 10 < len(failed) < 40
 
 
@@ -178,7 +180,7 @@ def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_f
         run(capsys, "recognise", recording_file, "--trace", tmp_path, "--method", method)
         drawn = sorted(picture.name for picture in (tmp_path / recording_file.stem).iterdir())
         assert (len(drawn), drawn[-1]) == (count, f"0{count}_model.png")
-        assert "04_nodes.png" not in drawn, "no picture of another method is left"
+        assert "04_nodes.png" not in drawn, "pictures of another method are removed"
 
 
 def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -194,7 +196,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (("--scene", "knot"), "overhand-knot"),
         (("--camera", "kinect"), "oak-d-pro"),
@@ -205,13 +207,13 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
         (("--seed", "-1"), "seed"),
     ],
 )
-def test_simulate_says_what_is_wrong(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, str], said: str
+def test_simulate_reports_what_is_wrong(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, str], expected: str
 ) -> None:
     code, _, err = run(capsys, "simulate", tmp_path / "x.mcap", *arguments)
     assert code == 1
-    assert said in err
-    assert list(tmp_path.iterdir()) == [], "nothing half-written is left"
+    assert expected in err
+    assert list(tmp_path.iterdir()) == [], "no incomplete file remains"
 
 
 def test_simulate_never_overwrites(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
@@ -222,17 +224,17 @@ def test_simulate_never_overwrites(capsys: pytest.CaptureFixture[str], recording
     assert recording_file.read_bytes() == before
 
 
-def test_simulate_into_a_folder_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_simulate_into_a_missing_folder_is_rejected(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, _, err = run(capsys, "simulate", tmp_path / "none" / "x.mcap", "--resolution", "160x100", "--views", "2")
     assert code == 1
     assert "x.mcap cannot be written: No such file or directory" in err
 
 
-def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder = tmp_path / "demo"
-    for left in ("scan.mcap", "scan.truth.json", "result/old.json", "trace/old.png"):  # by an earlier one
-        (folder / left).parent.mkdir(parents=True, exist_ok=True)
-        (folder / left).write_text("old")
+    for name in ("scan.mcap", "scan.truth.json", "result/old.json", "trace/old.png"):  # files of an earlier demo
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("old")
     assert main(["demo", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "topology right" in out
@@ -255,20 +257,20 @@ def test_demo_tells_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[
     assert (folder / "mine.txt").exists()
 
 
-def test_demo_says_why_the_scan_failed(
+def test_demo_reports_why_the_scan_failed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def late(*_: object) -> None:
+    def fail(*_: object) -> None:
         raise TaskFailedError("recognition-timeout", "recognition was stopped at its time limit")
 
-    monkeypatch.setattr("service.cli.commands.demo.take_scan", late)
+    monkeypatch.setattr("service.cli.commands.demo.take_scan", fail)
     assert main(["demo", str(tmp_path / "demo")]) == 1
     out, err = capsys.readouterr()
     assert out == ""
     assert "the scan failed: recognition was stopped at its time limit; try again" in err
 
 
-def test_indented_json_is_the_same_value() -> None:
+def test_indented_json_has_the_same_value() -> None:
     value = {"a": [], "b": {}, "c": [1, None, "x, y"], "d": [[1.5, 2], {"e": [True]}, []], "f": ({"g": 0},)}
     text = indented(value)
     assert json.loads(text) == json.loads(json.dumps(value))
@@ -283,7 +285,7 @@ def test_openapi_prints_the_description(capsys: pytest.CaptureFixture[str]) -> N
     assert capsys.readouterr().out == openapi_document()
 
 
-def test_recognise_takes_the_gripper_from_the_configuration(
+def test_recognise_uses_the_gripper_of_the_configuration(
     capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path
 ) -> None:
     config = tmp_path / "cell.toml"
@@ -299,13 +301,13 @@ def test_recognise_takes_the_gripper_from_the_configuration(
 
 
 @pytest.mark.parametrize("arguments", [[], ["recognise"], ["unknown"], ["recognise", "x", "--method", "guess"]])
-def test_wrong_calls_exit_with_2(arguments: list[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
+def test_wrong_arguments_exit_with_2(arguments: list[str]) -> None:
+    with pytest.raises(SystemExit) as raised:
         main(arguments)
-    assert stop.value.code == 2
+    assert raised.value.code == 2
 
 
-def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_serve_reports_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder = DataFolder(tmp_path / "data")
     try:
         assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data")]) == 1
@@ -315,9 +317,9 @@ def test_serve_says_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
-    told = capsys.readouterr().err
-    assert f"cannot listen on 127.0.0.1:{port}: " in told
-    assert "--port" in told
+    err = capsys.readouterr().err
+    assert f"cannot listen on 127.0.0.1:{port}: " in err
+    assert "--port" in err
     config = tmp_path / "cell.toml"
     config.write_text("prot = 8000\n")
     assert main(["serve", "--unsupervised", "--config", str(config)]) == 1

@@ -1,4 +1,4 @@
-"""A question is put only where somebody can answer."""
+"""Questions are asked only at a terminal."""
 
 import os
 import pty
@@ -6,21 +6,23 @@ import sys
 
 import pytest
 
-from service.cli.prompt import agreed
+from service.cli.prompt import confirm
 
 
 @pytest.mark.parametrize(("answer", "yes"), [("y", True), ("Yes ", True), ("n", False), ("", False), ("yet", False)])
-def test_only_a_plain_yes_is_one(monkeypatch: pytest.MonkeyPatch, answer: str, yes: bool) -> None:
-    person, program = pty.openpty()
+def test_only_y_and_yes_confirm(monkeypatch: pytest.MonkeyPatch, answer: str, yes: bool) -> None:
+    terminal, program = pty.openpty()
     with os.fdopen(program) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        os.write(person, f"{answer}\n".encode())
-        assert agreed("shall it be so?") is yes
-    os.close(person)
+        os.write(terminal, f"{answer}\n".encode())
+        assert confirm("continue?") is yes
+    os.close(terminal)
 
 
-def test_where_nobody_sits_nobody_is_asked(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_nothing_is_asked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     with open(os.devnull) as stdin:  # noqa: PTH123 (a device)
         monkeypatch.setattr(sys, "stdin", stdin)
-        assert not agreed("shall it be so?")
+        assert not confirm("continue?")
     assert capsys.readouterr().err == ""

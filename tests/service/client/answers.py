@@ -1,4 +1,4 @@
-"""A service by its answers alone: for what a real one cannot be brought to in a test."""
+"""Scripted answers of a service, for failures that a real service does not show in a test."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -15,51 +15,51 @@ SERVICE = "http://cell"
 SCAN = "/api/scans/20260101t000000-000000-00000000"
 
 
-def events(*told: tuple[str, Mapping[str, Any]], between: str = "") -> Answer:
-    """The scan's events, from the first number on; `between`: what comes on the stream before each."""
+def event_answer(*contents: tuple[str, Mapping[str, Any]], between: str = "") -> Answer:
+    """Return an event stream of a scan, numbered from 1, with the text `between` before each event."""
     lines = [
         f"{between}event: {name}\nid: {number}\ndata: {json.dumps(data)}\n\n"
-        for number, (name, data) in enumerate(told, 1)
+        for number, (name, data) in enumerate(contents, 1)
     ]
     return lambda _: httpx.Response(200, text="".join(lines), headers={"Content-Type": "text/event-stream"})
 
 
-def refused(status: int, slug: str, **headers: str) -> Answer:
+def problem_answer(status: int, slug: str, **headers: str) -> Answer:
     document = problem_document(slug, "for now", SCAN, status=status)
     return lambda _: httpx.Response(status, json=document, headers={"Content-Type": MEDIA_TYPE} | headers)
 
 
-def found(resource: Any, status: int = 200) -> Answer:
+def json_answer(resource: Any, status: int = 200) -> Answer:
     return lambda _: httpx.Response(status, json=resource)
 
 
-def proxy(status: int) -> Answer:
-    """What a proxy says that does not reach the service."""
+def proxy_answer(status: int) -> Answer:
+    """Return the answer of a proxy that does not reach the service."""
     return lambda _: httpx.Response(status, html="<h1>Bad Gateway</h1>")
 
 
-def lost(kind: type[httpx.TransportError] = httpx.ConnectError) -> Answer:
+def no_answer(kind: type[httpx.TransportError] = httpx.ConnectError) -> Answer:
     def answer(request: httpx.Request) -> httpx.Response:
         raise kind("no answer", request=request)
 
     return answer
 
 
-class Answers(httpx.MockTransport):
-    """One after the other, the last one for ever."""
+class ScriptedTransport(httpx.MockTransport):
+    """Transport that gives the answers in order, and repeats the last one."""
 
     def __init__(self, *answers: Answer) -> None:
         super().__init__(self._answer)
         self._answers = answers
-        self.asked: list[httpx.Request] = []
+        self.requests: list[httpx.Request] = []
 
     def _answer(self, request: httpx.Request) -> httpx.Response:
-        self.asked.append(request)
-        return self._answers[min(len(self.asked), len(self._answers)) - 1](request)
+        self.requests.append(request)
+        return self._answers[min(len(self.requests), len(self._answers)) - 1](request)
 
 
-def planner_of(answers: Answers) -> Client:
-    """A client of a service that answers so."""
+def planner_for(answers: ScriptedTransport) -> Client:
+    """Return a client of a service that gives these answers."""
     planner = Client(SERVICE)
     planner.close()
     planner._http = httpx.Client(base_url=SERVICE, transport=answers)

@@ -1,4 +1,4 @@
-"""The planners' client against the real service: what it gives, and what it says when something is not there."""
+"""The client against the real service: its results and its errors."""
 
 import os
 import signal
@@ -22,7 +22,7 @@ def planner(client: httpx.Client) -> Iterator[Client]:
         yield planner
 
 
-def test_from_a_recording_to_a_model_as_arrays(planner: Client, recording_file: Path) -> None:
+def test_a_recording_becomes_a_model_with_arrays(planner: Client, recording_file: Path) -> None:
     seen: list[ScanProgress] = []
     scan = planner.replay(recording_file, on_progress=seen.append, timeout_s=PATIENCE_S)
     assert scan.state == "succeeded"
@@ -34,15 +34,15 @@ def test_from_a_recording_to_a_model_as_arrays(planner: Client, recording_file: 
     assert np.linalg.norm(np.diff(chain.points, axis=0), axis=1).sum() == pytest.approx(chain.length_m, abs=1e-5)
     assert planner.get(scan.id) == scan
     assert next(planner.scans(mode="replay", state="succeeded")).id == scan.id
-    # Who waits for a scan that has ended learns the same.
+    # waiting for an ended scan returns the same
     assert planner.wait(scan.id) == scan
 
 
-def test_a_recording_is_uploaded_from_a_path_given_as_text(planner: Client, recording_file: Path) -> None:
+def test_a_recording_can_be_uploaded_from_a_text_path(planner: Client, recording_file: Path) -> None:
     assert planner.upload(str(recording_file)).sha256 == planner.upload(recording_file).sha256
 
 
-def test_the_pages_of_a_list_follow_one_another(planner: Client, recording: str) -> None:
+def test_scans_reads_all_pages(planner: Client, recording: str) -> None:
     ids = [planner.replay(recording, timeout_s=PATIENCE_S).id for _ in range(3)]
     assert [scan.id for scan in planner.scans(recording=recording, limit=2)] == ids[::-1]
 
@@ -57,14 +57,14 @@ def test_the_same_key_starts_one_scan(planner: Client, recording: str) -> None:
     assert mismatch.value.slug == "idempotency-mismatch"
 
 
-def test_refusals_and_failures_say_why(planner: Client, recording: str, held: int) -> None:
+def test_refusals_and_failures_have_a_reason(planner: Client, recording: str, held: int) -> None:
     with pytest.raises(ProblemError) as unknown:
         planner.replay("20260101t000000-000000-00000000")
     assert unknown.value.slug == "recording-not-found"
-    with pytest.raises(ValueError, match="given as Path"):
+    with pytest.raises(ValueError, match="pass a file as Path"):
         planner.replay("knot.mcap")
     scan = planner.start({"mode": "replay", "recording": recording})
-    with pytest.raises(TimeoutError, match="goes on"):
+    with pytest.raises(TimeoutError, match="and continues"):
         planner.wait(scan, timeout_s=0.3)
     with pytest.raises(ScanFailedError, match=r"is (queued|processing)"):
         planner.model(scan)
@@ -87,23 +87,23 @@ def test_without_a_stream_it_looks_now_and_then(serve: Serve, recording_file: Pa
         assert seen[-1].ended
 
 
-def test_a_service_that_is_not_there(recording_file: Path) -> None:
+def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"http://127.0.0.1:{taken.getsockname()[1]}"
     with Client(address) as planner:
-        with pytest.raises(UnreachableError, match="nothing was begun"):
+        with pytest.raises(UnreachableError, match="nothing was started"):
             planner.scan()
         with pytest.raises(UnreachableError, match="use the robot's own"):
             planner.stop()
         with pytest.raises(UnreachableError, match="does not answer"):
             planner.cell()
-        with pytest.raises(UnreachableError, match="did not take the recording"):
+        with pytest.raises(UnreachableError, match="did not accept the recording"):
             planner.upload(recording_file)
 
 
-def test_a_lost_answer_leaves_the_key_with_which_to_ask(planner: Client, client: httpx.Client, recording: str) -> None:
+def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: httpx.Client, recording: str) -> None:
     with (
-        cutting(client.base_url.port or 80, after_bytes=0) as port,
+        cutting_proxy(client.base_url.port or 80, after_bytes=0) as port,
         Client(f"http://127.0.0.1:{port}") as behind,
         pytest.raises(UnansweredError) as lost,
     ):
@@ -114,13 +114,16 @@ def test_a_lost_answer_leaves_the_key_with_which_to_ask(planner: Client, client:
     assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
 
 
-def test_a_wait_outlives_lost_connections(client: httpx.Client, recording: str, held: int) -> None:
+def test_wait_survives_lost_connections(client: httpx.Client, recording: str, held: int) -> None:
     """Each connection breaks after some bytes; no change of the state is missed."""
-    with cutting(client.base_url.port or 80, after_bytes=3000) as port, Client(f"http://127.0.0.1:{port}") as planner:
+    with (
+        cutting_proxy(client.base_url.port or 80, after_bytes=3000) as port,
+        Client(f"http://127.0.0.1:{port}") as planner,
+    ):
         scan = planner.start({"mode": "replay", "recording": recording})
         seen: list[ScanProgress] = []
 
-        # Let go by the first thing that is seen, so that all that follows comes through broken connections.
+        # recognition continues at the first progress, so that all later changes come through broken connections
         def see(progress: ScanProgress) -> None:
             if not seen:
                 os.kill(held, signal.SIGCONT)
@@ -131,10 +134,10 @@ def test_a_wait_outlives_lost_connections(client: httpx.Client, recording: str, 
 
 
 @contextmanager
-def cutting(port: int, after_bytes: int) -> Iterator[int]:
-    """A port from which all goes to `port`, and back, until so many bytes have come back: then the connection ends.
+def cutting_proxy(port: int, after_bytes: int) -> Iterator[int]:
+    """Yield the port of a proxy to `port` that cuts a connection after `after_bytes` bytes of answers.
 
-    Answers of one request only: what is short comes through whole.
+    Each connection carries one request. Shorter answers come through whole.
     """
     ending = threading.Event()
 
@@ -176,7 +179,7 @@ def cutting(port: int, after_bytes: int) -> Iterator[int]:
             thread.join()
 
 
-def test_stop_is_tried_again_when_the_connection_was_just_closed(client: httpx.Client) -> None:
+def test_stop_is_repeated_after_the_connection_was_closed(client: httpx.Client) -> None:
     with Client(str(client.base_url)) as planner:
         planner.stop()
         assert planner.cell()["state"] == "not_ready"

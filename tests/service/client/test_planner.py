@@ -1,4 +1,4 @@
-"""What a planner does with a live cell: the README's own program, and a stop from another thread."""
+"""A planner with a live cell: the program in the README, and a stop from another thread."""
 
 import re
 import threading
@@ -25,15 +25,15 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 
 def test_the_planner_of_the_readme(cell: LiveCell, capsys: pytest.CaptureFixture[str]) -> None:
     (program,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    found: dict[str, object] = {}
-    exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), found)
-    said = capsys.readouterr().out
-    assert "ScanProgress(state='scanning'" in said
-    assert "chain 0 over chain 0, gap 0.00" in said  # the default scene's one crossing
-    model = found["model"]
+    namespace: dict[str, object] = {}
+    exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), namespace)
+    output = capsys.readouterr().out
+    assert "ScanProgress(state='scanning'" in output
+    assert "chain 0 over chain 0, gap 0.00" in output  # the default scene's one crossing
+    model = namespace["model"]
     assert isinstance(model, PointChainModel)
     assert model.grasps[0].T_base_grasp.shape == (4, 4)
-    assert str(model.grasps[0].T_base_grasp) in said
+    assert str(model.grasps[0].T_base_grasp) in output
     assert cell.state()["problem"] == "urn:pointchain:released"
 
 
@@ -41,7 +41,7 @@ def test_a_stop_from_another_thread_ends_the_wait(cell: LiveCell) -> None:
     with Client(str(cell.client.base_url)) as planner:
         moving = threading.Event()
 
-        def see(progress: ScanProgress) -> None:
+        def on_progress(progress: ScanProgress) -> None:
             if "recorded" in progress.views.values():
                 moving.set()
 
@@ -52,7 +52,7 @@ def test_a_stop_from_another_thread_ends_the_wait(cell: LiveCell) -> None:
         stopping = threading.Thread(target=stop)
         stopping.start()
         with pytest.raises(ScanFailedError, match="stopped by request") as failed:
-            planner.scan(string_radius_m=0.0042, on_progress=see, timeout_s=PATIENCE_S)
+            planner.scan(string_radius_m=0.0042, on_progress=on_progress, timeout_s=PATIENCE_S)
         stopping.join()
         assert failed.value.slug == "aborted"
         assert failed.value.scan.recording is not None

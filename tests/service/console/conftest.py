@@ -98,9 +98,10 @@ def open_console(chromium: Browser) -> Iterator[Open]:
         token: str | None = None,
         scheme: Literal["light", "dark"] = "light",
         width: int = 1280,
+        locale: str = "en-GB",
     ) -> Opened:
         origin = str(client.base_url).rstrip("/")
-        context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, locale="en-GB")
+        context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, locale=locale)
         context.set_default_timeout(PATIENCE_S * 500)
         if token is not None:
             answer = context.request.post(f"{origin}/api/session", data={"token": token})

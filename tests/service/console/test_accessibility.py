@@ -44,7 +44,7 @@ def test_every_screen(
         page.get_by_label("Recording", exact=True).select_option(recording)
         page.get_by_role("button", name="Recognise the recording").click()
         expect(page.get_by_role("link", name="Look at the result")).to_be_visible()
-    for key, done in (("2", "The best 5 of"), ("3", "only those kept"), ("4", "What recent scans tell")):
+    for key, done in (("2", "The best 5 of"), ("3", "only protected scans"), ("4", "Drift in recent scans")):
         page.keyboard.press(key)
         expect(page.get_by_role("main")).to_contain_text(done)
         if key == "3":

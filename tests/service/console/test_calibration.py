@@ -7,7 +7,7 @@ import pytest
 from playwright.sync_api import expect
 
 from calibration.target.board import Board, board_with_defaults
-from service.jobs.new_rows import new_calibration
+from service.jobs.submission import new_calibration
 from tests.service.api.routes.test_calibration import REFUSED
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
@@ -46,10 +46,10 @@ def refused(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, live: LiveCell) -> None:
     page = open_console(live.client, "#/calibration").page
-    in_use = page.get_by_role("region", name="In use")
+    in_use = page.get_by_role("region", name="Active calibration")
     expect(in_use).to_contain_text("not judged")
     usual = board_with_defaults({})
-    page.get_by_text("Another board than the usual one").click()
+    page.get_by_text("Another board, or another number of poses").click()
     pitch = f"{usual.pitch_m * 1000:g}"
     for label, number in (("Columns", str(usual.columns)), ("Rows", str(usual.rows)), ("Side of a square", pitch)):
         expect(page.get_by_label(label)).to_have_attribute("placeholder", number)
@@ -58,18 +58,18 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     page.get_by_label("Poses").fill("12")
     page.get_by_role("button", name="Calibrate: the arm moves").click()
 
-    run = page.get_by_role("region", name="Under way")
-    expect(run.get_by_role("img", name="What the camera saw in view").first).to_be_visible()
+    run = page.get_by_role("region", name="In progress")
+    expect(run.get_by_role("img", name="Camera image of view").first).to_be_visible()
     expect(run.get_by_role("img", name="The board was seen in")).to_be_visible()
     assert live.client.get("/api/calibration").json()["under_way"] is not None
     page.keyboard.press("1")
-    expect(page.get_by_text("A calibration or verification is under way")).to_be_visible()
+    expect(page.get_by_text("A calibration or verification is running")).to_be_visible()
     expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
     page.keyboard.press("4")
     expect(run.get_by_role("list", name="Views")).to_contain_text(" px")
 
     last = page.get_by_role("region", name="The last run")
-    expect(last).to_contain_text("It holds on views that it was not made from")
+    expect(last).to_contain_text("The calibration holds on views that were not used to make it")
     (told,) = live.client.get("/api/calibration/runs").json()["runs"]
     seen = {cell for view in told["progress"]["views"] for cell in view["cells"]}
     expect(last.get_by_role("img", name=f"The board was seen in {len(seen)} of 40 parts")).to_be_visible()
@@ -80,16 +80,16 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     assert live.client.get("/api/calibration").json()["calibration"]["verdict"] is None  # nothing is in use unasked
 
     last.get_by_role("button", name="Use this calibration").click()
-    expect(last).to_contain_text("In use since")
+    expect(last).to_contain_text("Active since")
     words = {"accept": "good", "warn": "usable, with warnings"}[told["result"]["verdict"]]
     expect(in_use).to_contain_text(words)
     expect(page.get_by_role("banner")).to_contain_text(words)
 
-    page.get_by_role("button", name="Verify what is in use").click()
+    page.get_by_role("button", name="Verify the active calibration").click()
     expect(last.get_by_role("heading", name="Verification")).to_be_visible()
-    expect(last).to_contain_text("It holds on views")
-    page.get_by_role("region", name="Earlier").get_by_role("button").click()
-    expect(page.get_by_role("region", name="Earlier")).to_contain_text("In use since")
+    expect(last).to_contain_text("The calibration holds on views")
+    page.get_by_role("region", name="Earlier runs").get_by_role("button").click()
+    expect(page.get_by_role("region", name="Earlier runs")).to_contain_text("Active since")
 
 
 def test_a_refused_run_is_told_as_refused_wherever_it_is_shown(open_console: Open, refused: ServedClient) -> None:
@@ -99,15 +99,15 @@ def test_a_refused_run_is_told_as_refused_wherever_it_is_shown(open_console: Ope
     last = page.get_by_role("region", name="The last run")
     expect(last).to_contain_text("must not be used")
     expect(last).to_contain_text("All turns are about one axis: tilt it too.")
-    expect(last).to_contain_text("View 11 was left out: it contradicts the others.")  # as its picture is numbered
-    expect(last.get_by_role("list", name="Views")).to_contain_text("11: looking for the board")
+    expect(last).to_contain_text("View 11 was excluded: it contradicts the others.")  # as its picture is numbered
+    expect(last.get_by_role("list", name="Views")).to_contain_text("11: searching for the board")
     expect(last.get_by_role("button", name="Use this calibration")).to_have_count(0)
 
     store = refused.app.state.context.store.calibrations
     store.add(replace(new_calibration("verification", None, 2), state="aborted"))
     page.reload()
     expect(last.get_by_role("heading", name="Verification")).to_contain_text("Stopped")
-    earlier = page.get_by_role("region", name="Earlier").get_by_role("button")
+    earlier = page.get_by_role("region", name="Earlier runs").get_by_role("button")
     expect(earlier).to_contain_text("must not be used")
     expect(earlier.locator(".badge.bad")).to_be_visible()
     earlier.click()

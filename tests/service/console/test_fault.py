@@ -10,7 +10,7 @@ from cell.control.status import FAULTS
 from service.api.routes.console import BUILT
 from tests.service.console.conftest import Cell, Open
 
-CHECK_FIRST = json.loads((BUILT.parent / "web/src/words/check_first.json").read_text())
+CHECK_FIRST = json.loads((BUILT.parent / "web/src/texts/en.json").read_text())["fault"]["check"]
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
@@ -26,21 +26,21 @@ def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_c
     # First what has to be within the five seconds in which the robot itself refuses, which is told and waited for.
     acknowledge = maintainer.get_by_role("button", name="Acknowledge: nothing moves")
     expect(acknowledge).to_be_disabled()
-    maintainer.get_by_label("I have looked at the cell").check()
+    maintainer.get_by_label("I have checked the cell").check()
     acknowledge.click()
     expect(maintainer.get_by_role("button", name="The robot needs a moment")).to_be_disabled()
     for page in (operator, maintainer):
         fault = page.get_by_role("region", name="Fault")
         expect(fault).to_contain_text("protective stop")
-        for check in CHECK_FIRST["protective-stop"]:
+        for check in CHECK_FIRST["protective-stop"].values():
             expect(fault).to_contain_text(check)
         # What was heard of it, but only as long as that is new: nobody listens to it now.
-        expect(page.get_by_role("banner")).to_contain_text(re.compile("safety: protective stop|not heard for"))
+        expect(page.get_by_role("banner")).to_contain_text(re.compile("safety: protective stop|no answer for"))
         page.keyboard.press("4")
         expect(fault).to_be_visible()  # on every screen
         page.keyboard.press("1")
-    expect(operator.get_by_role("banner")).to_contain_text("not heard for")
-    expect(operator.get_by_text("Ask a maintainer to look at the cell")).to_be_visible()
+    expect(operator.get_by_role("banner")).to_contain_text("no answer for")
+    expect(operator.get_by_text("Ask a maintainer to check the cell")).to_be_visible()
     expect(operator.get_by_role("button", name="Acknowledge")).to_have_count(0)
     expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
 

@@ -20,7 +20,7 @@ def test_without_a_token_it_tells_the_cell_at_once(open_console: Open, client: S
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not ready")
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not connected yet")
     expect(page.get_by_role("button", name="STOP the arm")).to_be_enabled()
-    expect(page.get_by_text("This machine: may do everything")).to_be_visible()
+    expect(page.get_by_text("This machine: all rights")).to_be_visible()
     expect(page.get_by_role("banner").get_by_text("Live", exact=True)).to_be_visible()
 
 

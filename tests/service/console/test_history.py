@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import expect
 
 from service.errors import Failure
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
@@ -45,7 +45,7 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     expect(rows.nth(1).locator("img")).to_be_visible()
 
     rows.nth(0).get_by_role("button").click()
-    expect(rows.nth(0)).to_contain_text("The robot was lost. Told then: The robot was lost on its way.")
+    expect(rows.nth(0)).to_contain_text("The connection to the robot was lost. The robot was lost on its way.")
     page.get_by_label("Outcome").select_option(label="with a result")
     expect(rows).to_have_count(1)
     rows.get_by_role("button", expanded=False).click()
@@ -59,22 +59,22 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
         page.get_by_role("link", name="Recording (MCAP)").click()
     assert download.value.path().read_bytes() == past.get(scan["links"]["recording"]).content
 
-    page.get_by_role("button", name="Keep for ever").click()
-    expect(page.get_by_role("button", name="Keep no longer")).to_be_visible()
+    page.get_by_role("button", name="Protect from removal").click()
+    expect(page.get_by_role("button", name="Remove the protection")).to_be_visible()
     assert past.get(scan["links"]["self"]).json()["kept"]
-    page.get_by_label("only those kept").check()
+    page.get_by_label("only protected scans").check()
     expect(rows).to_have_count(1)
     # With the filter the scan would leave the list as soon as it is kept no longer.
-    page.get_by_label("only those kept").uncheck()
+    page.get_by_label("only protected scans").uncheck()
     expect(rows).to_have_count(1)
-    page.get_by_role("button", name="Keep no longer").click()
-    expect(page.get_by_role("button", name="Keep for ever")).to_be_visible()
-    page.get_by_label("only those kept").check()
+    page.get_by_role("button", name="Remove the protection").click()
+    expect(page.get_by_role("button", name="Protect from removal")).to_be_visible()
+    page.get_by_label("only protected scans").check()
     expect(rows).to_have_count(0)
-    page.get_by_label("only those kept").uncheck()
+    page.get_by_label("only protected scans").uncheck()
     expect(rows).to_have_count(1)
     page.get_by_label("To", exact=True).fill("2020-01-01")
-    expect(page.get_by_text("No scan is like that")).to_be_visible()
+    expect(page.get_by_text("No scan matches the filters")).to_be_visible()
     expect(rows).to_have_count(0)
 
 
@@ -96,11 +96,11 @@ def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, pa
     page = open_console(past, "#/history").page
     page.get_by_label("Outcome").select_option(label="with a result")
     page.get_by_role("list", name="Scans, the newest first").get_by_role("button").last.click()
-    again = page.get_by_role("group", name="Work it out again")
+    again = page.get_by_role("group", name="Recognise again")
     again.get_by_label("Method", exact=True).select_option("matching")
     again.get_by_label("String radius, in mm", exact=True).fill("4")
-    again.get_by_role("button", name="Work it out again").click()
-    again.get_by_role("link", name="Look at what came of it").click()
+    again.get_by_role("button", name="Recognise again").click()
+    again.get_by_role("link", name="Look at the new result").click()
     expect(page.get_by_role("heading", name="1 string, 0 crossings")).to_be_visible()
     made = past.get("/api/scans?limit=1").json()["scans"][0]
     assert (made["method"], made["string_radius_m"], made["source"] is not None) == ("matching", 0.004, True)
@@ -118,7 +118,7 @@ def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
     page = open_console(past, "#/history").page
     rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
     expect(rows).to_have_count(20)
-    page.get_by_role("button", name="Show older ones").click()
+    page.get_by_role("button", name="Show older scans").click()
     expect(rows).to_have_count(min(before, 40))
     recording = past.get("/api/recordings").json()["recordings"][0]["id"]
     finished(past, past.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"])

@@ -28,22 +28,22 @@ def test_what_is_shown_is_told_to_be_old_until_the_service_is_back(open_console:
         # the browser's; what the service itself refuses is told in other words, and still counts.
         opened.expect("net::ERR_")
         os.kill(running.pid, signal.SIGSTOP)  # it hangs: connections stay open, nothing comes
-        expect(bar).to_contain_text("Not known: no connection")
-        expect(bar).to_contain_text("What the page shows is as it was then")
+        expect(bar).to_contain_text("State unknown: no connection")
+        expect(bar).to_contain_text("The page shows the state at that time")
         expect(scan).to_be_disabled()
         stop = page.get_by_role("button", name="STOP the arm")
         expect(stop).to_be_enabled()
         stop.click()
-        expect(page.locator("#stop-told")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
+        expect(page.locator("#stop-message")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
         os.kill(running.pid, signal.SIGCONT)
         # The same press: it is sent until it gets through.
-        expect(page.locator("#stop-told")).to_contain_text("No arm is connected")
+        expect(page.locator("#stop-message")).to_contain_text("No arm is connected")
         expect(bar).to_contain_text("Not connected yet")
         expect(bar.get_by_text("Live", exact=True)).to_be_visible()
         expect(scan).to_be_enabled()
         stop.click()
-        expect(page.locator("#stop-told")).to_contain_text("No arm is connected")
-    expect(bar).to_contain_text("Not known: no connection")
+        expect(page.locator("#stop-message")).to_contain_text("No arm is connected")
+    expect(bar).to_contain_text("State unknown: no connection")
     with process(tmp_path / "data", tmp_path / "log2", POINTCHAIN_PORT=port):
         expect(bar).to_contain_text("Not connected yet")
         expect(bar.get_by_text("Live", exact=True)).to_be_visible()

@@ -17,7 +17,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from service.errors import Failure
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Open, drawn, frames
 from tests.service.security.conftest import without_recognition
@@ -63,7 +63,7 @@ def test_what_was_not_looked_at_is_not_told(open_console: Open, crossed: ServedC
 
     page.route("**/model", with_one_free)
     page.keyboard.press("2")
-    expect(page.get_by_text(f"free by {MAX_RELEVANT_DISTANCE_M * 1000:.0f} mm or more")).to_have_count(1)
+    expect(page.get_by_text(f"clearance {MAX_RELEVANT_DISTANCE_M * 1000:.0f} mm or more")).to_have_count(1)
 
 
 def test_a_point_is_picked_and_read(open_console: Open, crossed: ServedClient) -> None:
@@ -73,7 +73,7 @@ def test_a_point_is_picked_and_read(open_console: Open, crossed: ServedClient) -
         page.get_by_label(layer, exact=True).uncheck()
     model = crossed.get(crossed.get("/api/scans").json()["scans"][0]["links"]["model"]).json()
     page.get_by_role("button", name="From above").click()
-    picked = page.get_by_role("region", name="Picked point")
+    picked = page.get_by_role("region", name="Selected point")
     _pick(page, picked)
     chain = model["chains"][0]
     index = int(picked.get_by_role("heading").inner_text().rpartition(" ")[2])
@@ -134,7 +134,7 @@ def test_a_hundred_thousand_points_are_turned_by_keys(open_console: Open, crosse
 def test_methods_are_compared(open_console: Open, crossed: ServedClient, finished: Finished) -> None:
     page = open_console(crossed, "#/result").page
     drawn(page)
-    page.get_by_role("button", name="enhanced: work it out").click()
+    page.get_by_role("button", name="enhanced: recognise").click()
     expect(page.get_by_role("button", name="enhanced: hide")).to_be_visible()
     row = page.get_by_role("row", name="enhanced")
     scan = crossed.get("/api/scans", params={"limit": 1}).json()["scans"][0]
@@ -163,7 +163,7 @@ def test_findings_turn_the_view_to_their_place(open_console: Open, crossed: Serv
     page.route("**/model", with_finding)
     page.keyboard.press("2")
     drawn(page)
-    expect(page.get_by_text("2 things to know before you grasp")).to_be_visible()
+    expect(page.get_by_text("2 findings to read before you grasp")).to_be_visible()
     before = frames(page)
     page.get_by_role("button", name="Something of 12 mm").click()
     wait_until(lambda: frames(page) > before)
@@ -194,9 +194,9 @@ def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: 
     page.route(re.compile(r"/api/scans/[^/?]+(/model)?$"), without_strings)
     page.keyboard.press("2")
     expect(page.locator(".badge.warn", has_text="No string found")).to_be_visible()
-    expect(page.get_by_role("heading", name="Why there is no string")).to_be_visible()
+    expect(page.get_by_role("heading", name="Why no string was found")).to_be_visible()
     expect(page.get_by_text("No string of radius 15.0 mm found")).to_be_visible()
-    expect(page.get_by_text("Only a string of 15.0 mm in radius was looked for")).to_be_visible()
+    expect(page.get_by_text("Only a string with a radius of 15.0 mm was searched for")).to_be_visible()
     expect(page.get_by_label("Grasps", exact=True)).to_have_count(0)
     expect(page.get_by_label("Strings", exact=True)).to_have_count(0)
 
@@ -218,5 +218,5 @@ def test_the_newest_result_is_shown_though_later_scans_have_none(
         assert page.url.endswith(done["id"])
         expect(page.get_by_text("This is an earlier scan.")).to_be_visible()
         page.keyboard.press("1")
-        expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views had been taken")
+        expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views were recorded")
         page.close()  # before its service goes

@@ -23,17 +23,17 @@ def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: C
     opened.expect("401")  # the wrong token, and the stop of nobody
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
     page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("NOT STOPPED: nobody is signed in here")
+    expect(page.locator("#stop-message")).to_contain_text("NOT STOPPED: nobody is signed in here")
     page.get_by_label("Token").fill("pct_" + "a" * 43)
     page.get_by_role("button", name="Sign in").click()
     expect(page.get_by_text("there is no such token", exact=False)).to_be_visible()
     page.get_by_label("Token").fill(add_token(cell.data, "anna", "operator"))
     page.keyboard.press("Enter")
-    expect(page.get_by_text("anna, operator: scans")).to_be_visible()
-    expect(page.locator("#stop-told")).to_be_empty()  # somebody is, now
+    expect(page.get_by_text("anna, operator: can scan")).to_be_visible()
+    expect(page.locator("#stop-message")).to_be_empty()  # somebody is, now
     assert page.evaluate("() => document.cookie") == ""
     page.reload()
-    expect(page.get_by_text("anna, operator: scans")).to_be_visible()
+    expect(page.get_by_text("anna, operator: can scan")).to_be_visible()
     remove_token(cell.data, "anna")
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
 
@@ -51,7 +51,7 @@ def test_signing_out_ends_it(open_console: Open, cell: Cell) -> None:
 def test_each_role_is_shown_what_it_may(open_console: Open, cell: Cell) -> None:
     viewer = open_console(cell.live.client, token=cell.tokens["viewer"]).page
     operator = open_console(cell.live.client, token=cell.tokens["operator"]).page
-    expect(viewer.get_by_text("scans are started by operators")).to_be_visible()
+    expect(viewer.get_by_text("Only operators start scans")).to_be_visible()
     expect(viewer.get_by_role("button", name=SCAN)).to_have_count(0)
     expect(viewer.get_by_role("button", name="STOP the arm")).to_be_enabled()
     expect(operator.get_by_role("button", name=SCAN)).to_be_enabled()
@@ -66,7 +66,7 @@ def test_a_viewer_may_stop(open_console: Open, cell: Cell, finished: Finished) -
     cell.live.wait_for_motion(location)
     page = open_console(cell.live.client, token=cell.tokens["viewer"]).page
     page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
     assert not cell.live.moving()
     assert finished(cell.live.client, location)["state"] == "aborted"
     cell.is_well()

@@ -19,8 +19,8 @@ def test_first_visit_to_a_finished_scan(open_console: Open, cell: Cell) -> None:
     expect(page.get_by_text("Half of the string's thickness")).to_be_visible()
     page.get_by_label("String radius, in mm", exact=True).fill("4.2")
     page.get_by_role("button", name="Scan: the arm will move").click()
-    under_way = page.get_by_role("region", name="Scan under way")
-    expect(under_way).to_contain_text(re.compile(r"Taking view \d of 8"))
+    under_way = page.get_by_role("region", name="Scan in progress")
+    expect(under_way).to_contain_text(re.compile(r"Recording view \d of 8"))
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Working")
     expect(under_way.get_by_role("img").first).to_be_visible()  # while the arm moves on
     last = page.get_by_role("region", name="The last scan")
@@ -39,7 +39,7 @@ def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open,
     scan = page.get_by_role("button", name="Scan: the arm will move")
     radius = page.get_by_label("String radius, in mm", exact=True)
     low_m, high_m = client.get("/api/cell/room").json()["scan"]["string_radius_range_m"]
-    refused = page.get_by_text(f"A number from {low_m * 1000:g} to {high_m * 1000:g} mm is needed")
+    refused = page.get_by_text(f"Enter a number from {low_m * 1000:g} to {high_m * 1000:g} mm")
     expect(scan).to_be_enabled()
     for written in ("420", "1,2,3", "0", "four", "-4"):
         radius.fill(written)
@@ -49,7 +49,7 @@ def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open,
     expect(refused).to_have_count(0)
     expect(scan).to_be_enabled()
     page.get_by_role("textbox", name="Viewpoints").fill("2.5")
-    expect(page.get_by_text("A whole number from 2 to 32 is needed")).to_be_visible()
+    expect(page.get_by_text("Enter a whole number from 2 to 32")).to_be_visible()
     expect(scan).to_be_disabled()
 
 

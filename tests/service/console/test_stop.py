@@ -18,7 +18,7 @@ Finished = Callable[[httpx.Client, str], dict[str, Any]]
 def test_stop_in_the_middle_of_a_move(open_console: Open, cell: Cell, finished: Finished, way: str) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     page.get_by_role("button", name="Scan: the arm will move").click()
-    expect(page.get_by_text("Taking view", exact=False)).to_be_visible()
+    expect(page.get_by_text("Recording view", exact=False)).to_be_visible()
     location = cell.live.client.get("/api/scans?limit=1").json()["scans"][0]["links"]["self"]
     cell.live.wait_for_motion(location)
     page.keyboard.press("3")  # from whichever screen
@@ -26,7 +26,7 @@ def test_stop_in_the_middle_of_a_move(open_console: Open, cell: Cell, finished: 
         page.get_by_role("button", name="STOP the arm").click()
     else:
         page.keyboard.press("Control+.")
-    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
     assert not cell.live.moving()
     assert finished(cell.live.client, location)["state"] == "aborted"
     page.keyboard.press("1")
@@ -50,7 +50,7 @@ def test_stop_does_not_wait_for_what_the_page_is_loading(open_console: Open, cel
     while len(held) < 3:
         page.wait_for_timeout(50)
     page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
     page.unroute_all(behavior="ignoreErrors")
 
 
@@ -67,8 +67,8 @@ def test_a_stop_that_does_not_get_through_says_so(open_console: Open, cell: Cell
 
     page.route("**/api/cell/stop", refuse)
     page.get_by_role("button", name="STOP the arm").click()
-    expect(page.locator("#stop-told")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
+    expect(page.locator("#stop-message")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
     while len(tries) < 3:
         page.wait_for_timeout(100)
     page.unroute_all()
-    expect(page.locator("#stop-told")).to_contain_text("The arm was stopped")  # of the same press
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")  # of the same press

@@ -10,7 +10,7 @@ from calibration.atomic_write import write_synced
 from cell.devices import View
 from recognition.pipeline import Recognition
 from service.processing.recording_metadata import describe_recording
-from service.processing.results import DONE_BEFORE, Outcome, recognise_recording, write_results
+from service.processing.results import STAGE_START_FRACTION, Outcome, recognise_recording, write_results
 from service.processing.worker import TaskFailedError
 from service.processing.worker_main import Task
 from service.storage.rows import RecordingRow
@@ -21,8 +21,8 @@ PICTURE = b"\x89PNG\r\n\x1a\n of nothing"
 class PretendedRecognition:
     """In the place of `service.processing.worker.RecognitionWorker`."""
 
-    alive, starts = True, 1
-    not_ready = None
+    alive, start_count = True, 1
+    not_ready_reason = None
 
     def __init__(self, recognition: Recognition) -> None:
         self._recognition = recognition
@@ -36,14 +36,14 @@ class PretendedRecognition:
         self,
         task: Task,
         on_stage: Callable[[str], None],
-        limit_s: float,
+        timeout_s: float,
         views: Iterable[View] = (),
         missing: Sequence[str] = (),
     ) -> Outcome:
         """Writes the result, at the end of all views."""
         for _ in views:
             pass
-        for stage in DONE_BEFORE:
+        for stage in STAGE_START_FRACTION:
             on_stage(stage)
         try:
             outcome = write_results(self._recognition, task.results)
@@ -74,5 +74,5 @@ def _recognised(recording: Path) -> Recognition:
 
 
 def describe_here(recording_id: str, path: Path, sha256: str) -> RecordingRow:
-    """In the place of `service.processing.upload_sandbox.describe_foreign_recording`: without a process of its own."""
+    """Replacement for `service.processing.upload_sandbox.describe_untrusted_recording` without a process."""
     return describe_recording(recording_id, path, sha256)

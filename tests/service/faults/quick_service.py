@@ -71,9 +71,9 @@ def main(recording: str) -> None:
     from tests.service.faults.pretended_recognition import describe_here, pretended
 
     service.jobs.manager.RecognitionWorker = pretended(Path(recording))  # type: ignore[misc,assignment]
-    service.api.routes.recordings.describe_foreign_recording = describe_here
-    service.storage.retention.STEADY_S, service.storage.retention.EVERY_S = 0.0, 0.05
-    service.storage.retention.UNTOUCHED = timedelta(seconds=3)
+    service.api.routes.recordings.describe_untrusted_recording = describe_here
+    service.storage.retention.STEADY_S, service.storage.retention.INTERVAL_S = 0.0, 0.05
+    service.storage.retention.MIN_AGE = timedelta(seconds=3)
     for line in sys.stdin:
         data, retention, host = line.split()
         listening = socket.create_server(("127.0.0.1", 0))

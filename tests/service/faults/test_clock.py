@@ -15,9 +15,9 @@ import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
-from service.clock import Steadiness
+from service.clock import ClockStepDetector
 from service.config.sections import RetentionConfig
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.database import new_id
 from service.storage.retention import Retention
@@ -40,7 +40,7 @@ class Clock:
     def __init__(self) -> None:
         self.off = timedelta()
 
-    def present(self) -> datetime:
+    def utc_now(self) -> datetime:
         return datetime.now(UTC) + self.off
 
 
@@ -48,7 +48,7 @@ class Clock:
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     """Of the service, and of the cell where it judges a calibration's age."""
     clock = Clock()
-    monkeypatch.setattr("service.clock.present", clock.present)
+    monkeypatch.setattr("service.clock.utc_now", clock.utc_now)
 
     class Moment(datetime):
         @classmethod
@@ -77,11 +77,11 @@ def test_ids_rise_in_order_of_their_making(clock: Clock, days: int) -> None:
 NEW_ID = """
 import datetime, pathlib, sys
 from service.storage.data_folder import DataFolder
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from service.storage.store import Store
-from service import wall_clock
+from service import clock as wall_clock
 off = datetime.timedelta(days=float(sys.argv[2]))
-wall_clock.present = lambda real=wall_clock.present: real() + off
+wall_clock.utc_now = lambda real=wall_clock.utc_now: real() + off
 store = Store(DataFolder(pathlib.Path(sys.argv[1])))
 store.add_scan(new_scan("replay", "graph", None, NOBODY))
 """
@@ -117,17 +117,17 @@ def test_ids_that_are_not_ours_are_no_moments(tmp_path: Path) -> None:
 def test_a_clock_that_was_set_is_found_out(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 1000.0
     monkeypatch.setattr("service.clock.time.monotonic", lambda: now_s)
-    monkeypatch.setattr("service.clock.present", lambda: datetime.fromtimestamp(now_s, UTC) + clock.off)
-    steady = Steadiness()
+    monkeypatch.setattr("service.clock.utc_now", lambda: datetime.fromtimestamp(now_s, UTC) + clock.off)
+    detector = ClockStepDetector()
     now_s += 5000.0
     clock.off += timedelta(seconds=2)  # as a clock that is brought to the right time slowly
-    assert steady.seconds() == 5000.0
+    assert detector.seconds_since_step() == 5000.0
     for off in (DAY, -DAY, timedelta(minutes=-2)):
         clock.off += off
         now_s += 10.0
-        assert steady.seconds() == 0.0
+        assert detector.seconds_since_step() == 0.0
         now_s += 10.0
-        assert steady.seconds() == 10.0
+        assert detector.seconds_since_step() == 10.0
 
 
 @contextmanager
@@ -140,8 +140,8 @@ def kept_for_a_week(store: Store) -> Iterator[None]:
 def test_nothing_is_removed_because_the_clock_was_set(
     clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.storage.retention.AGAIN_S", 0.02)
-    monkeypatch.setattr("service.storage.retention.EVERY_S", 0.02)
+    monkeypatch.setattr("service.storage.retention.RETRY_S", 0.02)
+    monkeypatch.setattr("service.storage.retention.INTERVAL_S", 0.02)
     monkeypatch.setattr("service.storage.retention.STEADY_S", 0.3)
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
         store.add_scan(new_scan("replay", "graph", None, NOBODY))

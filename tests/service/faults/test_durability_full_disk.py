@@ -10,14 +10,14 @@ from typing import Any
 import httpx
 import pytest
 
-from service.integrity.check import examine
+from service.integrity.check import check_store
 from service.states import ACTIVE_STATES
 from service.storage.removal import oldest_first, remove
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.faults.full_disk import FullDisk, full_disk
 from tests.service.faults.pretended_recognition import PretendedRecognition, describe_here, pretended
 from tests.service.live_cell import LiveCell, live_cell
-from tests.service.stored_data import examined
+from tests.service.stored_data import check_target_of
 
 pytestmark = [pytest.mark.fault(19), pytest.mark.xdist_group("cell")]
 
@@ -36,8 +36,8 @@ def recognition(recording_file: Path) -> Make:
 def quick(monkeypatch: pytest.MonkeyPatch, recognition: Make) -> None:
     """What is not about the disk takes no time."""
     monkeypatch.setattr("service.jobs.manager.RecognitionWorker", recognition)
-    monkeypatch.setattr("service.jobs.final_state.AGAIN_S", 0.02)
-    monkeypatch.setattr("service.api.routes.recordings.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.jobs.runner.RETRY_S", 0.02)
+    monkeypatch.setattr("service.api.routes.recordings.describe_untrusted_recording", describe_here)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def disk(monkeypatch: pytest.MonkeyPatch, quick: None) -> FullDisk:
 
 def assert_sound(data: Path) -> None:
     """Each row has its files, whole, each file its row, and nothing half-written is left."""
-    assert examine(examined(data), running=False).findings == ()
+    assert check_store(check_target_of(data), running=False).findings == ()
 
 
 def ended(client: httpx.Client, location: str, disk: FullDisk) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.integrity.check import examine, service_runs
+from service.integrity.check import check_store, is_service_running
 from service.integrity.repair import repair
 from service.states import ACTIVE_STATES
 from tests.cell.loopback import free_host
@@ -21,7 +21,7 @@ from tests.service.conftest import wait_until
 from tests.service.faults.pretended_recognition import describe_here
 from tests.service.faults.quick_service import Life, quick_services
 from tests.service.service_process import answers
-from tests.service.stored_data import examined
+from tests.service.stored_data import check_target_of
 
 pytestmark = [
     pytest.mark.fault(20),
@@ -166,7 +166,7 @@ def assert_there(client: httpx.Client, told: Acknowledged, retention: bool) -> N
 def test_what_was_acknowledged_outlives_any_kill(
     recording_file: Path, tmp_path: Path, lives: int, live_every: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.integrity.repair.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.integrity.repair.describe_untrusted_recording", describe_here)
     chance, content = random.Random(20), recording_file.read_bytes()
     folders = [range(first, min(first + LIVES_OF_A_FOLDER, lives)) for first in range(0, lives, LIVES_OF_A_FOLDER)]
     with quick_services(recording_file, tmp_path / "services.log") as services:
@@ -183,11 +183,11 @@ def test_what_was_acknowledged_outlives_any_kill(
                 time.sleep(chance.uniform(1, 6) if scan else chance.uniform(0.2, 2.0))
                 os.kill(life.pid, signal.SIGKILL)
                 clients.join()
-                wait_until(lambda data=data: not service_runs(data))
-                found = {finding.code for finding in examine(examined(data), running=False).findings}
+                wait_until(lambda data=data: not is_service_running(data))
+                found = {finding.code for finding in check_store(check_target_of(data), running=False).findings}
                 assert found <= LEFT, found
             assert told.scans
-            assert repair(examined(data), lambda _: None).findings == ()
+            assert repair(check_target_of(data), lambda _: None).findings == ()
             life = services.start(data, retention=retention)
             with httpx.Client(base_url=f"http://127.0.0.1:{life.port}", timeout=60) as client:
                 wait_until(lambda client=client: answers(client))

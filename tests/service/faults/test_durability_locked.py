@@ -10,12 +10,12 @@ from typing import Any
 import httpx
 import pytest
 
-from service.integrity.check import examine
+from service.integrity.check import check_store
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.held_database import OtherProcess
 from tests.service.faults.pretended_recognition import PretendedRecognition, pretended
 from tests.service.live_cell import live_cell
-from tests.service.stored_data import examined
+from tests.service.stored_data import check_target_of
 
 pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
 
@@ -41,7 +41,7 @@ def busy_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, reco
     monkeypatch.setattr("service.jobs.manager.RecognitionWorker", recognition)
     if request.param is not None:
         monkeypatch.setattr("service.storage.database.BUSY_S", request.param)
-        monkeypatch.setattr("service.jobs.final_state.AGAIN_S", 0.1)
+        monkeypatch.setattr("service.jobs.runner.RETRY_S", 0.1)
     return request.param
 
 
@@ -122,4 +122,4 @@ def test_a_live_scan_does_not_move_on(
         assert cell.events("motion_start", after_s=still_s) == []
         cell.is_well()
         assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"
-    assert examine(examined(data), running=False).findings == ()
+    assert check_store(check_target_of(data), running=False).findings == ()

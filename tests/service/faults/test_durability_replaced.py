@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import replace_synced
-from service.security.auth.tokens import FILE, TokensError, add_token, read_tokens
+from service.security.auth.tokens import TOKENS_FILE, TokensError, add_token, read_tokens
 from tests.service.faults.full_disk import full_disk
 
 pytestmark = pytest.mark.fault(19)
@@ -26,11 +26,11 @@ def test_what_is_replaced_is_as_before_or_whole(tmp_path: Path, monkeypatch: pyt
 def test_tokens_stay_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     add_token(tmp_path, "ann", "viewer")
     disk = full_disk(monkeypatch)
-    before = (tmp_path / FILE).read_bytes()
+    before = (tmp_path / TOKENS_FILE).read_bytes()
     disk.fill(1)
     with pytest.raises(TokensError, match="No space left"):
         add_token(tmp_path, "bob", "viewer")
     disk.clear()
-    assert (tmp_path / FILE).read_bytes() == before
+    assert (tmp_path / TOKENS_FILE).read_bytes() == before
     add_token(tmp_path, "bob", "viewer")
-    assert [token.name for token in read_tokens(tmp_path / FILE)] == ["ann", "bob"]
+    assert [token.name for token in read_tokens(tmp_path / TOKENS_FILE)] == ["ann", "bob"]

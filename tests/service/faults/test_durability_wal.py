@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import write_synced
-from service.integrity.check import examine
+from service.integrity.check import check_store
 from service.integrity.repair import repair
-from service.jobs.new_rows import Asked, new_scan
+from service.jobs.submission import Requester, new_scan
 from service.processing.recording_metadata import describe_recording
 from service.storage.data_folder import DATABASE, DataFolder
 from service.storage.idempotency_keys import Key
 from service.storage.store import Store
 from tests.service.faults.pretended_recognition import describe_here
-from tests.service.stored_data import examined
+from tests.service.stored_data import check_target_of
 
 pytestmark = pytest.mark.fault(21)
 
@@ -68,7 +68,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> I
     commits.append((0, {}))
     note()
     for number in range(SCANS):
-        asked = Asked("ann", Key("ann", f"key {number}", "hash"))
+        asked = Requester("ann", Key("ann", f"key {number}", "hash"))
         row = new_scan("replay", "graph", None, asked)
         shutil.copy(recording_file, received := folder.incoming("received"))
         recording = describe_recording(row.id, received)
@@ -138,17 +138,17 @@ def test_cut_anywhere_it_tells_what_was_committed(written: Written, tmp_path: Pa
 def test_the_store_and_the_doctor_go_on_from_there(
     written: Written, tmp_path: Path, cuts: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.integrity.repair.describe_foreign_recording", describe_here)
+    monkeypatch.setattr("service.integrity.repair.describe_untrusted_recording", describe_here)
     size, chance = written.commits[-1][0], random.Random(22)
     for number in range(cuts):
         root = damaged(written, tmp_path / f"{number}", chance.randrange(size + 1), b"").root
         for name in ("recordings", "scans"):
             shutil.copytree(written.root / name, root / name)
-        found = {finding.code for finding in examine(examined(root), running=False).findings}
+        found = {finding.code for finding in check_store(check_target_of(root), running=False).findings}
         assert found <= FOUND, found
-        assert repair(examined(root), lambda _: None).findings == ()
+        assert repair(check_target_of(root), lambda _: None).findings == ()
         with closing(DataFolder(root)) as folder, closing(Store(folder)) as opened:
             before = [row.id for row in opened.scans(100)]
-            scan = new_scan("replay", "graph", None, Asked())
+            scan = new_scan("replay", "graph", None, Requester())
             opened.add_scan(scan)
             assert [row.id for row in opened.scans(100)] == [scan.id, *before]

@@ -14,10 +14,10 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.integrity.check import examine
+from service.integrity.check import check_store
 from tests.service.faults.hostile_recordings import NAMES, hostile
 from tests.service.service_process import process
-from tests.service.stored_data import examined
+from tests.service.stored_data import check_target_of
 
 pytestmark = [
     pytest.mark.fault(24),
@@ -94,7 +94,7 @@ def test_recordings_made_to_do_harm(served: Served, recording_file: Path, count:
     assert served.outside() == before
     assert len(list((served.data / "recordings").iterdir())) == taken
     assert list((served.data / "incoming").iterdir()) == []
-    assert examine(examined(served.data)).findings == ()
+    assert check_store(check_target_of(served.data)).findings == ()
     if count == 500:
         assert slowest_s <= ANSWER_S
 

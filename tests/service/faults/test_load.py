@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.benchmark.load_generator import Load, Wanted, asking
+from service.benchmark.load_generator import Load, LoadRequest, run_load
 from service.config.sections import LimitsConfig
 from service.storage.event_log import ScanEvent
 from tests.processes import rss_bytes
@@ -47,20 +47,20 @@ def test_two_hundred_followers_delay_no_stop(cell: LiveCell, finished: Finished,
     streams, port = cell.client.app.state.context.streams, cell.client.base_url.port
     assert port is not None
     room = LimitsConfig().event_streams
-    mix = [Wanted("cell", "/api/cell"), Wanted("scans", "/api/scans?limit=20")]
+    mix = [LoadRequest("cell", "/api/cell"), LoadRequest("scans", "/api/scans?limit=20")]
     cell.is_well()
     load = Load(port, connections=8, requests=mix, pause_s=0.0 if figures.whole else 0.1, streams=FOLLOWERS)
-    with asking(load) as met:
+    with run_load(load) as met:
         wait_until(lambda: streams.open == room)
         for _ in range(count):
             begin, location = now_in(cell), cell.start()
             cell.wait_for_motion(location, views=0)
             wait_for_middle(cell, chance.uniform(0.0, 0.5))
             assert streams.open <= room
-            since, asked_s = now_in(cell), time.monotonic()
+            since, requested_s = now_in(cell), time.monotonic()
             assert cell.client.post("/api/cell/stop").status_code == 200
-            answers.append(time.monotonic() - asked_s)
-            waits.append(wait_for_stop(cell, since) - asked_s)
+            answers.append(time.monotonic() - requested_s)
+            waits.append(wait_for_stop(cell, since) - requested_s)
             assert finished(cell.client, location)["state"] == "aborted"
             assert_one_way(cell, begin)
         tell_much(cell)

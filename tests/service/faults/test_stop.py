@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.jobs.manager import BY_ITSELF_S
+from service.jobs.manager import GRACE_S
 from service.security.audit.reader import read_audit
 from tests.cell.arm.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
@@ -69,7 +69,7 @@ def assert_stopped(cell: LiveCell, begin: int, scan: dict[str, Any]) -> None:
 def test_in_the_middle_of_a_move(
     cell: LiveCell, finished: Finished, figures: Figures, count: int, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.INFO, "service.jobs.scan_job")
+    caplog.set_level(logging.INFO, "service.jobs.runner")
     chance, waits, rests = random.Random(4), [], []
     for number in range(count):
         cell.is_well()
@@ -147,5 +147,5 @@ def test_while_recognition_is_at_work(cell: LiveCell, finished: Finished, figure
         assert [view["state"] for view in scan["progress"]["views"]] == ["recorded"] * 2
         assert_stopped(cell, begin, scan)
     figures.at_most("stop on the wire", waits, WIRE_S, share=0.99)
-    figures.at_most("answer while recognition is frozen", answers, BY_ITSELF_S)  # it does not wait for its end
+    figures.at_most("answer while recognition is frozen", answers, GRACE_S)  # it does not wait for its end
     figures.at_most("arm at rest", rests, STILL_S)

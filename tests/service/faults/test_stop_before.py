@@ -61,7 +61,7 @@ def one_being_planned_and_one_waiting(
     cell: LiveCell, monkeypatch: pytest.MonkeyPatch, **named: Any
 ) -> Iterator[tuple[Future[httpx.Response], Future[httpx.Response]]]:
     """Two live scans are asked for, the first with what `named` says; both are decided on behind the body."""
-    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", PATIENCE_S)
+    monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
         planning, asking = Gate(patched, Preparation, "plan_scan"), Gate(patched, Submissions, "live", hold=False)
         try:

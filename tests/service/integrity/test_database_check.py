@@ -1,4 +1,4 @@
-"""The doctor and a damaged database: it is kept, what can be read of it is saved, and files make up for the rest."""
+"""A damaged database is kept, its readable rows are recovered, and recordings that lost their row are adopted."""
 
 import dataclasses
 import json
@@ -11,7 +11,7 @@ import pytest
 
 from service.integrity.database_check import TABLES
 from service.integrity.repair import repair
-from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
 from service.storage.database import Database
@@ -20,19 +20,19 @@ from service.storage.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 
-def test_rows_that_make_no_sense_are_put_aside(data: Data) -> None:
+def test_unreadable_rows_are_moved_to_lost_and_found(data: Data) -> None:
     data.change("UPDATE recordings SET missing = '[not json' WHERE id = ?", UPLOAD)
     data.change("INSERT INTO views VALUES ('nobody', 1, 'recorded', NULL, '', NULL, NULL, NULL)")
     data.change("UPDATE scans SET id = '../out' WHERE id = ?", LIVE)
     assert {"row-unreadable", "row-without-parent"} <= data.codes()
-    data.mend()
+    data.repair()
     kept = [json.loads(line)["table"] for line in data.lost("rows.jsonl").read_text().splitlines()]
     assert {"recordings", "views", "scans"} <= set(kept)
-    # The recordings themselves are there, and are told of again.
+    # the files of the recordings are intact, so they are adopted again
     assert data.row("SELECT count(*) FROM recordings") == (2,)
 
 
-def test_a_damaged_database_is_kept_and_what_can_be_read_is_saved(data: Data) -> None:
+def test_a_damaged_database_is_kept_and_its_readable_rows_are_recovered(data: Data) -> None:
     folder = DataFolder(data.root)
     store = Store(folder)
     for _ in range(300):
@@ -41,45 +41,46 @@ def test_a_damaged_database_is_kept_and_what_can_be_read_is_saved(data: Data) ->
     folder.close()
     database = data.root / "pointchain.sqlite3"
     content = bytearray(database.read_bytes())
-    # A page in the midst of the scans' rows.
-    at = content.index(b"replay", len(content) // 3) // 4096 * 4096
-    content[at : at + 4096] = random.Random(1).randbytes(4096)
+    # a page in the middle of the rows of scans
+    page = content.index(b"replay", len(content) // 3) // 4096 * 4096
+    content[page : page + 4096] = random.Random(1).randbytes(4096)
     database.write_bytes(content)
     assert data.codes() == {"database-corrupt"}
-    told = data.mend()
-    assert any("scans: " in words and "cannot be read" in words for words in told)
+    messages = data.repair()
+    assert any("scans: " in message and "cannot be read" in message for message in messages)
     (scans,) = data.row("SELECT count(*) FROM scans")
     assert isinstance(scans, int)
-    assert 200 < scans < 302  # what was on other pages
+    assert 200 < scans < 302  # the rows on the other pages
     assert data.lost("pointchain.sqlite3").read_bytes() == bytes(content)
 
 
 @pytest.mark.parametrize("content", [b"this is no database" * 500, None], ids=["another", "none"])
-def test_without_a_database_the_recordings_are_taken_in(data: Data, content: bytes | None) -> None:
+def test_without_a_database_the_recordings_are_adopted(data: Data, content: bytes | None) -> None:
     database = data.root / "pointchain.sqlite3"
     database.unlink() if content is None else database.write_bytes(content)
-    data.mend()
+    data.repair()
     assert data.row("SELECT count(*) FROM recordings") == (2,)
     assert (data.lost(REPLAY) / "model.json").exists()
 
 
-def test_a_database_of_another_version_is_told(data: Data) -> None:
+def test_a_database_of_a_newer_version_is_not_repaired(data: Data) -> None:
     data.change("PRAGMA user_version = 99")
     assert data.codes() == {"database-newer"}
     assert [finding.code for finding in repair(data.store, pytest.fail).findings] == ["database-newer"]
 
 
-def test_tables_of_an_earlier_version_are_brought_up_to_date(tmp_path: Path) -> None:
+def test_tables_of_an_earlier_version_are_migrated(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db:
         db.executescript(MIGRATIONS[0] + "PRAGMA user_version = 1")
     data = Data(tmp_path, ())
     assert data.codes() == {"database-older"}
-    data.mend()
+    data.repair()
     assert data.row("PRAGMA user_version") == (VERSION,)
 
 
 def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -> None:
     run = vars(new_calibration("calibration", None, 3)) | {"id": "run-1", "state": "failed", "warnings": "[]"}
+    run["problem"] = run.pop("failure")  # the name of the column at that version
     with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db, db:
         db.executescript("".join(MIGRATIONS[:4]) + "PRAGMA user_version = 4")
         db.execute(
@@ -91,8 +92,8 @@ def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -
     assert (view.corners, view.possible, view.rms_px, view.cells) == (40, 48, None, None)
 
 
-def test_a_log_that_was_cut_anywhere_opens_with_a_beginning_of_what_was_written(data: Data, tmp_path: Path) -> None:
-    """As after a loss of power: a kill alone loses nothing that was handed to the system."""
+def test_a_truncated_log_keeps_the_first_transactions(data: Data, tmp_path: Path) -> None:
+    """Truncate the log as a loss of power does. A kill alone loses nothing that was handed to the system."""
     folder = DataFolder(data.root)
     store = Store(folder)
     for number in range(30):
@@ -113,13 +114,13 @@ def test_a_log_that_was_cut_anywhere_opens_with_a_beginning_of_what_was_written(
             kept = [row[0] for row in db.execute("SELECT id FROM scans WHERE id LIKE 's__' ORDER BY id")]
             events = [row[0] for row in db.execute("SELECT scan FROM events WHERE scan LIKE 's__' ORDER BY scan")]
         assert kept == [f"s{k:02}" for k in range(len(kept))]
-        assert events == kept  # each with what was written together with it
+        assert events == kept  # each scan has the event of its transaction
     store.close()
     folder.close()
 
 
-def test_all_that_is_stored_can_be_salvaged(data: Data) -> None:
-    """Each table is among those that are copied, parents first."""
+def test_every_table_is_recovered(data: Data) -> None:
+    """Check that each table is among those that are copied, parents first."""
     with closing(sqlite3.connect(data.root / "pointchain.sqlite3")) as db:
         tables = {row[0] for row in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     assert set(TABLES) == tables - {"sqlite_sequence"}

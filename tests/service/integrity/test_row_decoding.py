@@ -1,4 +1,4 @@
-"""Rows that the service cannot tell: the doctor finds them, and what hangs on them stays."""
+"""The integrity check finds rows that the service cannot return, and the repair keeps what belongs to them."""
 
 import json
 import shutil
@@ -12,19 +12,19 @@ import pytest
 
 from service.api.schemas.calibration_resources import run_resource
 from service.api.schemas.scan_resource import scan_resources
-from service.integrity.check import examine
+from service.integrity.check import check_store
 from service.integrity.repair import repair
 from service.storage.data_folder import DataFolder
 from service.storage.store import Store
-from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, examined
+from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, check_target_of
 
 VERIFICATION = {
     "passed": True, "words": "well", "worst_m": 0.001, "expected_m": 0.001, "board_moved_m": None, "views": [],
 }  # fmt: skip
 
 
-def assert_told(data: Data) -> None:
-    """The lists of scans and of calibrations are what the service can send."""
+def assert_lists_are_readable(data: Data) -> None:
+    """Check that the service can return the lists of scans and calibrations."""
     folder = DataFolder(data.root)
     store = Store(folder)
     try:
@@ -42,7 +42,7 @@ def kept_rows(data: Data) -> list[dict[str, object]]:
 
 
 @pytest.mark.parametrize(
-    ("column", "value", "mended"),
+    ("column", "value", "repaired"),
     [
         ("state", "banana", "succeeded"),
         ("fraction", 7.0, 1.0),
@@ -53,14 +53,14 @@ def kept_rows(data: Data) -> list[dict[str, object]]:
         ("source", "No Id", None),
     ],
 )
-def test_a_scan_that_cannot_be_told_keeps_its_result(data: Data, column: str, value: object, mended: object) -> None:
+def test_an_unreadable_scan_keeps_its_result(data: Data, column: str, value: object, repaired: object) -> None:
     before = data.row("SELECT * FROM scans WHERE id = ?", REPLAY)
     data.change(f"UPDATE scans SET {column} = ? WHERE id = ?", value, REPLAY)
-    (finding,) = examine(data.store).findings
+    (finding,) = check_store(data.store).findings
     assert (finding.code, finding.group) == ("row-unreadable", "database")
     assert "\n" not in finding.what
-    data.mend()
-    assert data.row(f"SELECT {column} FROM scans WHERE id = ?", REPLAY) == (mended,)
+    data.repair()
+    assert data.row(f"SELECT {column} FROM scans WHERE id = ?", REPLAY) == (repaired,)
     after = data.row("SELECT * FROM scans WHERE id = ?", REPLAY)
     if column not in ("files", "inputs", "source"):
         assert after == before
@@ -68,90 +68,90 @@ def test_a_scan_that_cannot_be_told_keeps_its_result(data: Data, column: str, va
     assert data.row("SELECT recording, state FROM scans WHERE id = ?", REPLAY) == (UPLOAD, "succeeded")
     (kept,) = kept_rows(data)
     assert kept["table"] == "scans"
-    assert_told(data)
+    assert_lists_are_readable(data)
 
 
 @pytest.mark.parametrize(
     "sql", ["scans SET asked_by = CAST(x'ff' AS TEXT)", "views SET changed_at = CAST(x'ff' AS TEXT)"]
 )
-def test_a_row_with_a_text_that_is_none_is_no_damage_to_the_others(data: Data, sql: str) -> None:
+def test_a_row_with_invalid_text_does_not_affect_other_rows(data: Data, sql: str) -> None:
     data.change(f"UPDATE {sql}")
     assert data.codes() == {"row-unreadable"}
-    data.mend()
+    data.repair()
     assert data.row("SELECT state FROM scans WHERE id = ?", REPLAY) == ("succeeded",)
     assert (data.root / "scans" / REPLAY / "model.json").exists()
-    assert_told(data)
+    assert_lists_are_readable(data)
 
 
-def test_the_state_and_its_value_are_told(data: Data) -> None:
+def test_a_finding_names_the_column_and_its_value(data: Data) -> None:
     data.change("UPDATE scans SET state = 'banana' WHERE id = ?", REPLAY)
-    (finding,) = examine(data.store).findings
+    (finding,) = check_store(data.store).findings
     assert "state is 'banana': " in finding.what
 
 
-def test_a_scan_of_an_older_version_is_failed_and_its_result_is_put_aside(data: Data) -> None:
+def test_an_unreadable_scan_without_events_fails_and_its_result_is_moved_to_lost_and_found(data: Data) -> None:
     data.change("DELETE FROM events")
     data.change("UPDATE scans SET state = 'banana'")
     assert data.codes() == {"row-unreadable"}
-    data.mend()
+    data.repair()
     for scan, recording in ((LIVE, LIVE), (REPLAY, UPLOAD)):
         state, failure, still = data.row("SELECT state, failure, recording FROM scans WHERE id = ?", scan)
         assert (state, json.loads(str(failure))["slug"], still) == ("failed", "damaged", recording)
     assert data.row("SELECT count(*) FROM views WHERE state = 'recorded'") == (4,)
     assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
-    assert_told(data)
+    assert_lists_are_readable(data)
 
 
-def test_a_scan_that_cannot_be_mended_is_put_aside_with_its_result(data: Data) -> None:
+def test_a_scan_that_cannot_be_repaired_is_moved_to_lost_and_found_with_its_result(data: Data) -> None:
     data.change("UPDATE scans SET method = 'banana' WHERE id = ?", REPLAY)
     assert data.codes() == {"row-unreadable"}
-    data.mend()
+    data.repair()
     assert data.row("SELECT count(*) FROM scans") == (1,)
     assert {row["table"] for row in kept_rows(data)} >= {"scans"}
     assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
     assert data.recording(UPLOAD).exists()
     assert data.row("SELECT count(*) FROM recordings") == (2,)
-    assert_told(data)
+    assert_lists_are_readable(data)
 
 
 @pytest.mark.parametrize(("column", "value"), [("state", "banana"), ("offset_bytes", "far"), ("reason", b"\xff")])
-def test_a_view_that_cannot_be_told_is_put_aside_and_its_recording_stays(
+def test_an_unreadable_view_is_moved_to_lost_and_found_and_its_recording_stays(
     data: Data, column: str, value: object
 ) -> None:
     content = data.recording(LIVE).read_bytes()
     data.change(f"UPDATE views SET {column} = ? WHERE view = 2", value)
     assert data.codes() == {"row-unreadable"}
-    data.mend()
+    data.repair()
     assert data.recording(LIVE).read_bytes() == content
     assert data.row("SELECT views FROM recordings WHERE id = ?", LIVE) == (4,)
     assert [row["table"] for row in kept_rows(data)] == ["views"]
-    assert_told(data)
+    assert_lists_are_readable(data)
 
 
 @pytest.mark.parametrize(("column", "value"), [("missing", "null"), ("provenance", "5"), ("views", "some")])
-def test_a_recording_that_cannot_be_told_is_taken_in_again(data: Data, column: str, value: object) -> None:
+def test_an_unreadable_recording_is_adopted_again(data: Data, column: str, value: object) -> None:
     content = data.recording(UPLOAD).read_bytes()
     data.change(f"UPDATE recordings SET {column} = ? WHERE id = ?", value, UPLOAD)
     assert data.codes() == {"row-unreadable"}
-    data.mend()
+    data.repair()
     assert data.row("SELECT views, missing FROM recordings WHERE id = ?", UPLOAD) == (4, "[]")
     assert data.row("SELECT recording FROM scans WHERE id = ?", REPLAY) == (UPLOAD,)
     assert data.recording(UPLOAD).read_bytes() == content
 
 
-def test_a_calibration_that_cannot_be_told_keeps_its_folder(data: Data) -> None:
+def test_an_unreadable_calibration_keeps_its_folder(data: Data) -> None:
     data.change("UPDATE calibrations SET state = 'banana'")
     assert data.codes() == {"row-unreadable"}
-    data.mend()
-    assert data.row("SELECT state FROM calibrations") == ("failed",)  # it has no result to tell otherwise
+    data.repair()
+    assert data.row("SELECT state FROM calibrations") == ("failed",)  # it has no result that would prove success
     assert (data.root / "calibration" / "runs" / "run-1" / "hand_eye.json").exists()
-    assert_told(data)
+    assert_lists_are_readable(data)
     shutil.rmtree(data.root / "lost+found")
     data.change(
         "UPDATE calibrations SET kind = 'verification', state = 'banana', verification = ?, warnings = '[]'",
         json.dumps(VERIFICATION),
     )
-    data.mend()
+    data.repair()
     assert data.row("SELECT state, verification FROM calibrations") == ("succeeded", json.dumps(VERIFICATION))
     data.change("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '', 0.1, '[7, 39]')")
     data.change("INSERT INTO calibration_views VALUES ('run-1', 1, 'banana', NULL, NULL, NULL, '', NULL, NULL)")
@@ -159,17 +159,17 @@ def test_a_calibration_that_cannot_be_told_keeps_its_folder(data: Data) -> None:
     data.change("INSERT INTO calibration_views VALUES ('run-1', 3, 'recorded', NULL, 40, 48, '', 'near', '{')")
     assert data.codes() == {"row-unreadable"}
     shutil.rmtree(data.root / "lost+found")
-    data.mend()
-    assert_told(data)
+    data.repair()
+    assert_lists_are_readable(data)
     assert data.row("SELECT count(*), sum(cells = '[7, 39]') FROM calibration_views") == (1, 1)
 
 
-# A disk that takes nothing
+# Read-only disk
 
 
 @pytest.fixture
 def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
-    """The whole store on a disk that is mounted read-only."""
+    """The data folder on a disk that is mounted read-only."""
     folder = tmp_path / "disk"
     folder.mkdir()
     try:
@@ -180,9 +180,9 @@ def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
             check=False,
         )
     except FileNotFoundError:
-        pytest.skip("there is no program mount")
+        pytest.skip("the program mount is not installed")
     if done.returncode != 0:
-        pytest.skip(f"a file system can be mounted by root alone: {done.stderr.strip()}")
+        pytest.skip(f"only root can mount a file system: {done.stderr.strip()}")
     try:
         shutil.copytree(data.root, folder / "data")
         subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
@@ -192,7 +192,7 @@ def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
 
 
 def test_a_read_only_disk_is_not_a_damaged_database(read_only_disk: Data) -> None:
-    (finding,) = examine(read_only_disk.store).findings
+    (finding,) = check_store(read_only_disk.store).findings
     assert (finding.code, finding.repairable) == ("database-unopened", False)
     assert "damaged" not in finding.what
     assert "read-only" in finding.what_to_do
@@ -200,7 +200,7 @@ def test_a_read_only_disk_is_not_a_damaged_database(read_only_disk: Data) -> Non
 
 
 def test_a_database_that_cannot_be_opened_is_not_repaired(data: Data) -> None:
-    """As where the rights are missing: a folder in place of its log cannot be opened by anybody."""
+    """Put a folder in place of the log, which nobody can open. This acts like missing permissions."""
     database = data.root / "pointchain.sqlite3"
     with closing(sqlite3.connect(database)) as db:
         db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
@@ -209,7 +209,7 @@ def test_a_database_that_cannot_be_opened_is_not_repaired(data: Data) -> None:
     database.with_name(database.name + "-wal").mkdir()
     before = database.read_bytes()
     assert data.codes() == {"database-unopened"}
-    left = repair(examined(data.root), pytest.fail)
-    assert [finding.code for finding in left.findings] == ["database-unopened"]
+    report = repair(check_target_of(data.root), pytest.fail)
+    assert [finding.code for finding in report.findings] == ["database-unopened"]
     assert database.read_bytes() == before
     assert not (data.root / "lost+found").exists()

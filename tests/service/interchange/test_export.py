@@ -1,4 +1,4 @@
-"""`pointchain export`: what other programs read of a model is what the model says."""
+"""`pointchain export` writes files from which other programs read the values of the model."""
 
 import copy
 import csv
@@ -33,7 +33,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def document(recording: Path) -> dict[str, Any]:
-    """A model of several strings; the first is said to be closed."""
+    """A model of several strings. The first is marked as closed."""
     model = json.loads(json.dumps(recognise_recording(recording).model.to_json()))
     assert len(model["chains"]) >= 2
     assert model["crossings"]
@@ -62,7 +62,7 @@ def edges_of(document: dict[str, Any]) -> list[tuple[int, int]]:
     return edges
 
 
-def test_a_point_cloud_with_edges(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
+def test_a_ply_file_has_points_edges_and_properties(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "model.ply"
     assert main(["export", str(model_file), str(out)]) == 0
     cloud = o3d.io.read_point_cloud(out)
@@ -70,7 +70,7 @@ def test_a_point_cloud_with_edges(document: dict[str, Any], model_file: Path, tm
     lines = o3d.io.read_line_set(out)
     np.testing.assert_allclose(np.asarray(lines.points), points_of(document), rtol=0, atol=1e-7)
     assert [tuple(edge) for edge in np.asarray(lines.lines).tolist()] == edges_of(document)
-    # Other properties by Open3D's other reader, which keeps all.
+    # only the tensor reader of Open3D keeps all properties
     attributes = o3d.t.io.read_point_cloud(out).point
     for name in ("arc_length_m", "sigma_m", "views"):
         wanted = np.concatenate([chain[name] for chain in document["chains"]])
@@ -80,8 +80,8 @@ def test_a_point_cloud_with_edges(document: dict[str, Any], model_file: Path, tm
         np.testing.assert_allclose(attributes[name].numpy().ravel(), wanted, rtol=1e-6)
 
 
-def test_the_file_is_as_its_head_says(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
-    """Read by its head alone, as any program would that has never seen the model."""
+def test_a_ply_file_matches_its_header(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
+    """Read the file by its header alone, as any other program does."""
     out = tmp_path / "model.ply"
     main(["export", str(model_file), str(out)])
     head, _, body = out.read_bytes().partition(b"end_header\n")
@@ -107,20 +107,20 @@ def test_the_file_is_as_its_head_says(document: dict[str, Any], model_file: Path
     assert [tuple(edge) for edge in blocks["edge"].tolist()] == edges_of(document)
 
 
-def test_a_table(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
+def test_a_csv_file_has_one_row_per_point(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "model.csv"
     assert main(["export", str(model_file), str(out)]) == 0
     rows = list(csv.DictReader(io.StringIO(out.read_text())))
     assert list(rows[0]) == ["chain", "point", "x_m", "y_m", "z_m", "arc_length_m", "sigma_m", "views", "radius_m"]
-    told = [
+    expected = [
         (chain["id"], k, *point, chain["arc_length_m"][k], chain["sigma_m"][k], chain["views"][k], chain["radius_m"])
         for chain in document["chains"]
         for k, point in enumerate(chain["points"])
     ]
-    assert [tuple(float(value) for value in row.values()) for row in rows] == told
+    assert [tuple(float(value) for value in row.values()) for row in rows] == expected
 
 
-def test_a_scene(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
+def test_an_mcap_file_has_the_model_and_its_scene(document: dict[str, Any], model_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "model.mcap"
     assert main(["export", str(model_file), str(out)]) == 0
     assert read_result(out) == document
@@ -131,12 +131,14 @@ def test_a_scene(document: dict[str, Any], model_file: Path, tmp_path: Path) -> 
     assert len(scene.entities) == len(document["chains"]) + len(document["crossings"])
     drawn = np.concatenate([[(p.x, p.y, p.z) for p in e.lines[0].points] for e in scene.entities if e.lines])
     np.testing.assert_array_equal(drawn, points_of(document))
-    # And again from there.
+    # a second export from the first file gives the same bytes
     assert main(["export", str(out), str(tmp_path / "again.mcap")]) == 0
     assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
 
 
-def test_the_model_of_a_live_scans_recording(document: dict[str, Any], recording: Path, tmp_path: Path) -> None:
+def test_the_recording_of_a_live_scan_gives_its_model(
+    document: dict[str, Any], recording: Path, tmp_path: Path
+) -> None:
     source = read_recording(recording)
     with RecordingWriter(tmp_path / "live.mcap", source.header) as writer:
         writer.write_view(source.views[0])
@@ -147,13 +149,13 @@ def test_the_model_of_a_live_scans_recording(document: dict[str, Any], recording
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
-def test_from_stdin(document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stdin_gives_the_model(document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(json.dumps(document).encode())))
     assert main(["export", "-", str(tmp_path / "a.csv")]) == 0
     assert len((tmp_path / "a.csv").read_text().splitlines()) == 1 + len(points_of(document))
 
 
-def test_a_model_without_strings(document: dict[str, Any], tmp_path: Path) -> None:
+def test_a_model_without_strings_is_exported(document: dict[str, Any], tmp_path: Path) -> None:
     empty = {**document, "chains": [], "crossings": [], "grasps": []}
     (tmp_path / "model.json").write_text(json.dumps(empty))
     for kind in ("ply", "csv", "mcap"):
@@ -163,40 +165,44 @@ def test_a_model_without_strings(document: dict[str, Any], tmp_path: Path) -> No
 
 
 def changed(document: dict[str, Any], path: str, value: Any) -> str:
-    """The document with another value, as JSON."""
+    """Return the document with another value at a path, as JSON."""
     document = copy.deepcopy(document)
     *keys, last = [int(key) if key.isdigit() else key for key in path.split(".")]
-    place: Any = document
+    parent: Any = document
     for key in keys:
-        place = place[key]
-    place[last] = value
+        parent = parent[key]
+    parent[last] = value
     return json.dumps(document)
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "said"),
+    ("path", "value", "message"),
     [
         ("schema", "pointchain/2", "a JSON object with schema 'pointchain/1' is needed"),
-        ("error", {"type": "urn:pointchain:no-depth", "detail": "nothing seen"}, "why there is no model: nothing seen"),
+        (
+            "error",
+            {"type": "urn:pointchain:no-depth", "detail": "nothing seen"},
+            "holds an error, not a model: nothing seen",
+        ),
         ("chains", None, "chains: Input should be a valid list"),
         ("chains.0.points.3", [1.0, 2.0], "chains.0.points.3.2: Field required"),
-        ("chains.1.views", [1], "chain 1 has not as many values as points"),
-        ("chains.1.id", 0, "ids of chains are there twice"),
-        ("crossings.0.over.chain", 77, "a crossing is of none of them"),
+        ("chains.1.views", [1], "chain 1 has a different number of values and points"),
+        ("chains.1.id", 0, "two chains have the same id"),
+        ("crossings.0.over.chain", 77, "a crossing has an unknown chain"),
         ("chains.0.radius_m", float("nan"), "it holds NaN"),
     ],
 )
-def test_documents_that_are_no_model(
-    document: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], path: str, value: Any, said: str
+def test_a_document_that_is_not_a_model_is_rejected(
+    document: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str], path: str, value: Any, message: str
 ) -> None:
     (tmp_path / "model.json").write_text(changed(document, path, value))
     assert main(["export", str(tmp_path / "model.json"), str(tmp_path / "a.ply")]) == 1
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert [file.name for file in tmp_path.iterdir()] == ["model.json"]
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (None, "there is no"),
         (b"", "not JSON"),
@@ -204,20 +210,23 @@ def test_documents_that_are_no_model(
         (b"\xff\xfe", "not JSON"),
         (b"[1, 2]", "a JSON object"),
         (b"[" * 100_000, "not JSON"),
-        (b'{"schema": 1}\n{"schema": 2}\n', "model.json has 2 documents: give one, as by `sed -n 1p model.json"),
+        (
+            b'{"schema": 1}\n{"schema": 2}\n',
+            "model.json has 2 documents: give one, for example by `sed -n 1p model.json",
+        ),
     ],
 )
-def test_files_that_are_no_model(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, said: str
+def test_a_file_that_is_not_a_model_is_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, message: str
 ) -> None:
     if content is not None:
         (tmp_path / "model.json").write_bytes(content)
     assert main(["export", str(tmp_path / "model.json"), str(tmp_path / "a.ply")]) == 1
-    assert said in capsys.readouterr().err.replace("no " + str(tmp_path), "there is no")
+    assert message in capsys.readouterr().err.replace("no " + str(tmp_path), "there is no")
     assert not (tmp_path / "a.ply").exists()
 
 
-def test_a_recording_without_a_model_says_how_to_get_one(
+def test_a_recording_without_a_model_is_rejected(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["export", str(recording), str(tmp_path / "a.ply")]) == 1
@@ -227,9 +236,9 @@ def test_a_recording_without_a_model_says_how_to_get_one(
     assert "holds no model" in capsys.readouterr().err
 
 
-def test_where_it_cannot_be_written(model_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unwritable_output_is_an_error(model_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(model_file), str(tmp_path / "a.obj")]) == 1
-    assert "a.obj ends in none of .ply, .csv, .mcap" in capsys.readouterr().err
+    assert "a.obj has no known format: choose a name that ends in one of .ply, .csv, .mcap" in capsys.readouterr().err
     assert main(["export", str(model_file), str(tmp_path / "none" / "a.ply")]) == 1
     assert "a.ply cannot be written: No such file or directory" in capsys.readouterr().err
     (tmp_path / "a.ply").write_text("mine")

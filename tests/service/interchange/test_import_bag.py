@@ -1,4 +1,4 @@
-"""`pointchain import bag`: a bag of a simulated scan gives the model of that scan."""
+"""`pointchain import bag` makes a recording that gives the same model as the scan in the bag."""
 
 import json
 import sys
@@ -26,24 +26,24 @@ def scan() -> SimulatedScan:
 
 @pytest.fixture(scope="module")
 def model(scan: SimulatedScan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Of the scan's own recording."""
+    """Model of the recording that was written without a bag."""
     path = tmp_path_factory.mktemp("twin") / "twin.mcap"
     write_simulation(scan, path)
     return model_of(path)
 
 
 def model_of(path: Path) -> dict[str, Any]:
-    """Each value of the model by its place in the document; all but the times."""
+    """Return each value of the model by its path in the document, without the times."""
     document = replace(recognise_recording(path).model, timing_s={}).to_json()
     return dict(leaves(document, ""))
 
 
-def leaves(value: Any, place: str) -> Iterator[tuple[str, Any]]:
+def leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict | list | tuple):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from leaves(part, f"{place}.{key}")
+            yield from leaves(part, f"{path}.{key}")
     else:
-        yield place, value
+        yield path, value
 
 
 def options(scan: SimulatedScan) -> list[str]:
@@ -54,7 +54,7 @@ def options(scan: SimulatedScan) -> list[str]:
 
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_bag_gives_the_model_of_its_twin(
+def test_a_bag_gives_the_model_of_its_scan(
     scan: SimulatedScan,
     model: dict[str, Any],
     tmp_path: Path,
@@ -67,29 +67,29 @@ def test_a_bag_gives_the_model_of_its_twin(
     )
     out = tmp_path / "out.mcap"
     assert main(["import", "bag", str(bag), str(out), *options(scan)]) == 0
-    printed, said = capsys.readouterr()
+    printed, report = capsys.readouterr()
     assert printed == ""
-    assert "4 views of 1 images each; excluded are 0 images taken in motion and 0 without a known pose" in said
-    assert "frames base (base), tool0 (flange), camera_depth_optical_frame (camera)" in said
-    assert f"wrote {out}" in said
-    # A pose that went through the quaternion of /tf differs in the last bit of its doubles. Where that turns a
-    # rounding, a place, told to a micrometre, differs by one; a score or a confidence by its last, fourth, digit.
-    got = model_of(out)
-    assert got.keys() == model.keys()
-    for place, value in model.items():
+    assert "4 views of 1 images each; excluded are 0 images taken in motion and 0 without a known pose" in report
+    assert "frames base (base), tool0 (flange), camera_depth_optical_frame (camera)" in report
+    assert f"wrote {out}" in report
+    # The quaternion of /tf changes the last bit of a pose. This may change the rounding: the micrometre of a position,
+    # or the fourth digit of a score or confidence.
+    imported = model_of(out)
+    assert imported.keys() == model.keys()
+    for path, value in model.items():
         if isinstance(value, float):
-            last_digit = 1e-4 if place.endswith(("score", "confidence")) else 1e-6
-            assert got[place] == pytest.approx(value, rel=0, abs=1.01 * last_digit), place
+            last_digit = 1e-4 if path.endswith(("score", "confidence")) else 1e-6
+            assert imported[path] == pytest.approx(value, rel=0, abs=1.01 * last_digit), path
         else:
-            assert got[place] == value, place
+            assert imported[path] == value, path
 
 
-def test_what_is_wrong_is_said_and_nothing_written(
+def test_wrong_options_are_reported_and_nothing_is_written(
     scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = write_bag(tmp_path / "scan.bag", "ros1", one_image_each(scan.views[:2], Recorded()))
     out = tmp_path / "out.mcap"
-    for wrong, said in [
+    for arguments, message in [
         (
             ["--depth-topic=/a"],
             "pointchain import bag: there is no topic /a of type Image; --depth-topic may be: /camera",
@@ -98,8 +98,8 @@ def test_what_is_wrong_is_said_and_nothing_written(
         (["--radius=-1"], "the string radius is -1 m; it must be positive"),
         (["--table-z=nan"], "table_z_m is nan; a finite number is needed"),
     ]:
-        assert main(["import", "bag", str(bag), str(out), *wrong]) == 1
-        assert said in capsys.readouterr().err
+        assert main(["import", "bag", str(bag), str(out), *arguments]) == 1
+        assert message in capsys.readouterr().err
         assert [path.name for path in tmp_path.iterdir()] == ["scan.bag"]
     assert main(["import", "bag", str(bag), str(tmp_path / "none" / "out.mcap")]) == 1
     assert "out.mcap cannot be written: No such file or directory" in capsys.readouterr().err
@@ -110,9 +110,7 @@ def test_what_is_wrong_is_said_and_nothing_written(
     assert out.read_bytes() == before
 
 
-def test_a_hand_eye_file_is_taken_instead_of_tf(
-    scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_hand_eye_file_replaces_tf(scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "hand_eye.json"
     file.write_text(json.dumps({"T_flange_camera": scan.header.T_flange_camera.tolist()}))
     bag = write_bag(tmp_path / "scan", "mcap", one_image_each(scan.views[:2], Recorded(static={})))
@@ -127,7 +125,7 @@ def test_a_hand_eye_file_is_taken_instead_of_tf(
 
 def test_help_needs_no_rosbags(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rosbags", None)
-    with pytest.raises(SystemExit) as stop:
+    with pytest.raises(SystemExit) as exit_info:
         main(["import", "bag", "--help"])
-    assert stop.value.code == 0
+    assert exit_info.value.code == 0
     assert "--hand-eye JSON" in capsys.readouterr().out

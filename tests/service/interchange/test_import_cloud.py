@@ -1,4 +1,4 @@
-"""`pointchain import cloud`: point clouds with viewpoints give the strings that the recording shows."""
+"""`pointchain import cloud` makes a recording of point clouds and viewpoints that gives the right strings."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -54,8 +54,8 @@ def options(scan: SimulatedScan) -> list[str]:
     return [*viewpoints(scan), "--radius=0.0042", "--workspace", *box]
 
 
-def judged(out: Path, scan: SimulatedScan) -> float:
-    """Return the mean distance from the true line, once the strings and their crossings are right."""
+def checked_distance_m(out: Path, scan: SimulatedScan) -> float:
+    """Check the strings and their crossings, and return the mean distance from the true line."""
     result = score(replace(recognise_recording(out).model, timing_s={}).to_json(), scan.truth)
     assert result.topology
     assert result.mean_m is not None
@@ -63,7 +63,7 @@ def judged(out: Path, scan: SimulatedScan) -> float:
 
 
 @pytest.mark.parametrize("text", [False, True])
-def test_a_file_for_each_viewpoint(
+def test_one_file_per_viewpoint_gives_the_strings(
     scan: SimulatedScan, clouds: list[Points], tmp_path: Path, text: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     files, out = [write_ply(tmp_path / f"{k}.ply", c, text) for k, c in enumerate(clouds)], tmp_path / "out.mcap"
@@ -71,14 +71,14 @@ def test_a_file_for_each_viewpoint(
     err = capsys.readouterr().err
     assert "8 virtual views, by a file for each viewpoint" in err
     assert "rounding: pixels are up to" in err
-    assert judged(out, scan) < 1e-4
+    assert checked_distance_m(out, scan) < 1e-4
     recording = read_recording(out)
     assert recording.header.provenance["source"] == "point clouds"
     for view, wanted in zip(recording.views, scan.views, strict=True):
         np.testing.assert_allclose(view.T_base_camera[:3, 3], wanted.T_base_camera[:3, 3], atol=1e-6)
 
 
-def test_a_merged_file_with_the_viewpoint_of_each_point(
+def test_a_merged_file_with_viewpoint_numbers_gives_the_same_views(
     scan: SimulatedScan, clouds: list[Points], tmp_path: Path
 ) -> None:
     separate, merged, named = (tmp_path / f"{name}.mcap" for name in ("separate", "merged", "named"))
@@ -97,7 +97,7 @@ def depths(recording: Recording) -> list[bytes]:
     return [view.depth.tobytes() for view in recording.views]
 
 
-def test_a_bare_merged_file(
+def test_a_merged_file_without_viewpoint_numbers_gives_the_strings(
     scan: SimulatedScan, clouds: list[Points], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points = np.vstack(clouds)
@@ -107,11 +107,11 @@ def test_a_bare_merged_file(
     err = capsys.readouterr().err
     assert "all.ply: these properties were ignored: nx, ny, nz" in err
     assert "8 virtual views, by one merged file" in err
-    assert judged(out, scan) < 2e-4
+    assert checked_distance_m(out, scan) < 2e-4
 
 
 def test_hidden_points_are_not_seen(tmp_path: Path) -> None:
-    """A plate above the table hides the table below it from each viewpoint."""
+    """Put a plate above the table, which hides the table below it from each viewpoint."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-0.2, 0.2, 0.002), np.arange(-0.2, 0.2, 0.002)))
     table = np.column_stack([x, y, np.zeros_like(x)])
     plate = table[(np.abs(x) < 0.05) & (np.abs(y) < 0.05)] + (0.0, 0.0, 0.05)
@@ -119,13 +119,13 @@ def test_hidden_points_are_not_seen(tmp_path: Path) -> None:
     eyes = ["--viewpoint", "0.1", "0", "0.5", "--viewpoint", "-0.1", "0", "0.5"]
     assert main(["import", "cloud", file, str(out), *eyes]) == 0
     for view in read_recording(out).views:
-        found = deproject(view, *np.nonzero(view.depth))
-        height = found[:, 2]
+        points = deproject(view, *np.nonzero(view.depth))
+        height = points[:, 2]
         assert np.minimum(np.abs(height), np.abs(height - 0.05)).max() < 5e-3
         eye = view.T_base_camera[:3, 3]
-        through = eye + (found - eye) * ((0.05 - eye[2]) / (found[:, 2] - eye[2]))[:, None]  # at the plate's height
-        behind = (np.abs(through[:, :2]) < 0.045).all(axis=1) & (np.abs(height) < 0.005)
-        assert behind.sum() == 0
+        at_plate = eye + (points - eye) * ((0.05 - eye[2]) / (points[:, 2] - eye[2]))[:, None]  # rays at its height
+        hidden = (np.abs(at_plate[:, :2]) < 0.045).all(axis=1) & (np.abs(height) < 0.005)
+        assert hidden.sum() == 0
 
 
 Change = Callable[[Path, Points], list[str]]
@@ -172,7 +172,7 @@ def numbered(first: int) -> Change:
         (numbered(1), "numbers its viewpoints 1, 2, 3, 4, 5, 6, 7, 8; with 8 viewpoints given, 0 to 7 are needed"),
     ],
 )
-def test_bad_clouds_are_refused(
+def test_bad_clouds_are_rejected(
     scan: SimulatedScan,
     clouds: list[Points],
     tmp_path: Path,
@@ -199,7 +199,7 @@ def test_bad_clouds_are_refused(
         ([(0, 0, 0.5), (0, 0.0, 0.05)], "inside the cloud"),
     ],
 )
-def test_bad_viewpoints_are_refused(
+def test_bad_viewpoints_are_rejected(
     eyes: list[tuple[float, ...]],
     message: str,
     clouds: list[Points],
@@ -207,13 +207,13 @@ def test_bad_viewpoints_are_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     file, out = write_ply(tmp_path / "all.ply", clouds[0]), tmp_path / "out.mcap"
-    told = [text for eye in eyes for text in ("--viewpoint", *map(str, eye))]
-    assert main(["import", "cloud", file, str(out), *told]) == 1
+    arguments = [text for eye in eyes for text in ("--viewpoint", *map(str, eye))]
+    assert main(["import", "cloud", file, str(out), *arguments]) == 1
     assert message in capsys.readouterr().err
     assert not out.exists()
 
 
-def test_nothing_is_overwritten_and_other_properties_are_named(
+def test_nothing_is_overwritten_and_a_missing_property_is_named(
     scan: SimulatedScan, clouds: list[Points], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = write_ply(tmp_path / "all.ply", clouds[0]), tmp_path / "out.mcap"

@@ -1,4 +1,4 @@
-"""Rerun, where it is installed, opens what this program writes: `pip install rerun-sdk` in a place on the PATH."""
+"""Rerun opens the files of Pointchain. The tests need the program `rerun` of `rerun-sdk` on the PATH."""
 
 import json
 import os
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(RERUN is None, reason="rerun is not installed")
 
 
 def rerun(*arguments: object) -> str:
-    """What it says. Nothing is sent to its makers."""
+    """Run Rerun without its analytics and return its output."""
     assert RERUN is not None
     done = subprocess.run(
         [RERUN, *map(str, arguments)],
@@ -33,10 +33,10 @@ def rerun(*arguments: object) -> str:
     return done.stdout + done.stderr
 
 
-def opened(path: Path) -> str:
-    """The columns that Rerun makes of an MCAP file."""
-    said = rerun("mcap", "check", "--full", path)
-    assert "error" not in said.lower()
+def columns_of(path: Path) -> str:
+    """Return the columns that Rerun makes of an MCAP file."""
+    output = rerun("mcap", "check", "--full", path)
+    assert "error" not in output.lower()
     converted = path.with_suffix(".rrd")
     rerun("mcap", "convert", path, "-o", converted)
     rerun("rrd", "verify", converted)
@@ -51,11 +51,11 @@ def test_rerun_opens_recordings_and_results(tmp_path: Path) -> None:
             writer.write_view(view)
         writer.write_result(model)
     write_result_file(tmp_path / "result.mcap", json.loads(json.dumps(model)))
-    columns = opened(tmp_path / "scan.mcap")
+    columns = columns_of(tmp_path / "scan.mcap")
     assert columns.count("/tf@Transform3D:translation") == 3
     assert columns.count("/camera/calibration@Pinhole:image_from_camera") == 3
     assert columns.count("/camera/depth@Image:buffer") == 3
-    for made in (columns, opened(tmp_path / "result.mcap")):
-        # Taken apart, but not drawn: Rerun 0.41 knows no scenes.
-        assert made.count("/result/scene@foxglove.SceneUpdate:message") == 1
-        assert made.count("/result/model@McapMessage:data") == 1
+    for converted in (columns, columns_of(tmp_path / "result.mcap")):
+        # Rerun 0.41 reads scenes but does not draw them
+        assert converted.count("/result/scene@foxglove.SceneUpdate:message") == 1
+        assert converted.count("/result/model@McapMessage:data") == 1

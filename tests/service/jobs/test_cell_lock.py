@@ -1,4 +1,4 @@
-"""The one place: who gets it, who is told what, and that nothing is lost when it closes."""
+"""The cell lock: who acquires it, what a refusal says, and that closing it loses no job."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -7,109 +7,109 @@ import pytest
 from calibration.target.board import Board
 from cell.errors import CameraUnreachableError
 from service.errors import JobKind, JobReference, ServiceError
-from service.jobs.cell_lock import Place
-from service.jobs.job import Running
-from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.jobs.cell_lock import CellLock
+from service.jobs.job import Job
+from service.jobs.submission import NOBODY, new_calibration, new_scan
 
 
-def scan() -> Running:
-    return Running(new_scan("replay", "graph", None, NOBODY, recording="r1"), None)
+def scan() -> Job:
+    return Job(new_scan("replay", "graph", None, NOBODY, recording="r1"), None)
 
 
-def calibration() -> Running:
-    return Running(new_calibration("calibration", Board(), 15), None)
+def calibration() -> Job:
+    return Job(new_calibration("calibration", Board(), 15), None)
 
 
-def refusal(place: Place) -> ServiceError:
-    with pytest.raises(ServiceError) as refused, place.taken():
+def refusal(lock: CellLock) -> ServiceError:
+    with pytest.raises(ServiceError) as refused, lock.reserved():
         pass
     return refused.value
 
 
-@pytest.mark.parametrize(("running", "kind"), [(scan(), "scan"), (calibration(), "calibration")])
-def test_whoever_comes_second_is_told_of_the_first(
-    running: Running, kind: JobKind, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("job", "kind"), [(scan(), "scan"), (calibration(), "calibration")])
+def test_second_request_is_refused_with_the_running_job(
+    job: Job, kind: JobKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", 0.01)
-    place, done = Place(), []
-    with place.taken():
-        told = refusal(place)
-        assert (told.slug, told.retry_after_s, told.job) == ("cell-busy", 2.0, None)
-        place.accept(running, lambda: done.append("written"), lambda: done.append("begun"))
+    monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 0.01)
+    lock, done = CellLock(), []
+    with lock.reserved():
+        error = refusal(lock)
+        assert (error.slug, error.retry_after_s, error.job) == ("cell-busy", 2.0, None)
+        lock.accept(job, lambda: done.append("written"), lambda: done.append("begun"))
     assert done == ["written", "begun"]
-    assert place.running is running
-    told = refusal(place)
-    assert (told.retry_after_s, told.job) == (None, JobReference(kind, running.row.id))
-    assert running.words in str(told)
-    assert running.ask_to_stop("aborted", "it was stopped")
-    told = refusal(place)
-    assert (told.retry_after_s, told.job) == (1.0, running.reference)
-    assert f"{running.words} was stopped and is just ending" in str(told)
-    with place.leaving(running):
-        assert place.running is running
-    assert place.running is None
-    with place.taken():
+    assert lock.job is job
+    error = refusal(lock)
+    assert (error.retry_after_s, error.job) == (None, JobReference(kind, job.row.id))
+    assert job.label in str(error)
+    assert job.request_stop("aborted", "it was stopped")
+    error = refusal(lock)
+    assert (error.retry_after_s, error.job) == (1.0, job.reference)
+    assert f"{job.label} was stopped and is just ending" in str(error)
+    with lock.releasing(job):
+        assert lock.job is job
+    assert lock.job is None
+    with lock.reserved():
         pass
 
 
-def test_whoever_comes_while_it_is_decided_on_waits_to_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", 60.0)
-    place, running = Place(), scan()
+def test_request_during_preparation_waits_for_the_job_to_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 60.0)
+    lock, job = CellLock(), scan()
     with ThreadPoolExecutor(1) as pool:
-        with place.taken():
-            second = pool.submit(refusal, place)
-            place.accept(running, lambda: None, lambda: None)
-        assert second.result().job == running.reference
+        with lock.reserved():
+            second = pool.submit(refusal, lock)
+            lock.accept(job, lambda: None, lambda: None)
+        assert second.result().job == job.reference
 
 
-def test_what_cannot_be_written_leaves_the_place_free() -> None:
-    place, begun = Place(), []
+def test_failed_write_leaves_the_lock_free() -> None:
+    lock, begun = CellLock(), []
 
     def full() -> None:
         raise OSError("no space")
 
-    with pytest.raises(OSError, match="no space"), place.taken():
-        place.accept(scan(), full, lambda: begun.append(1))
-    assert (place.running, begun) == (None, [])
-    with place.taken():
+    with pytest.raises(OSError, match="no space"), lock.reserved():
+        lock.accept(scan(), full, lambda: begun.append(1))
+    assert (lock.job, begun) == (None, [])
+    with lock.reserved():
         pass
 
 
-def test_a_closed_place_takes_nothing_more() -> None:
-    place = Place()
+def test_closed_lock_accepts_no_job() -> None:
+    lock = CellLock()
 
     def prepare() -> None:
-        with place.taken():
-            assert place.close() is None
-            place.accept(scan(), lambda: None, lambda: None)
+        with lock.reserved():
+            assert lock.close() is None
+            lock.accept(scan(), lambda: None, lambda: None)
 
     with pytest.raises(ServiceError) as refused:
         prepare()
     assert refused.value.slug == "not-ready"
-    assert (place.running, place.closed, refusal(place).slug) == (None, True, "not-ready")
+    assert (lock.job, lock.closed, refusal(lock).slug) == (None, True, "not-ready")
 
 
-def test_arm_and_camera_that_are_given_up_at_the_end_are_no_fault_of_theirs() -> None:
-    place = Place()
+def test_cell_error_while_closing_is_reported_as_not_ready() -> None:
+    lock = CellLock()
 
     def prepare() -> None:
-        place.close()
+        lock.close()
         raise CameraUnreachableError("connecting the camera was given up")
 
-    with pytest.raises(ServiceError) as told, place.taken():
+    with pytest.raises(ServiceError) as refused, lock.reserved():
         prepare()
-    assert told.value.slug == "not-ready"
-    open_place = Place()
-    with pytest.raises(CameraUnreachableError), open_place.taken():
+    assert refused.value.slug == "not-ready"
+    open_lock = CellLock()
+    with pytest.raises(CameraUnreachableError), open_lock.reserved():
         raise CameraUnreachableError("there is none")
-    with open_place.taken():
+    with open_lock.reserved():
         pass
 
 
-def test_one_under_way_is_told_to_who_closes_and_leaves_only_its_own_place() -> None:
-    place, first, second = Place(), scan(), calibration()
-    with place.taken():
-        place.accept(first, lambda: None, lambda: None)
-    with place.leaving(second):
+def test_close_returns_the_running_job_and_releasing_another_has_no_effect() -> None:
+    lock, first, second = CellLock(), scan(), calibration()
+    with lock.reserved():
+        lock.accept(first, lambda: None, lambda: None)
+    with lock.releasing(second):
         pass
-    assert place.close() is first
+    assert lock.close() is first

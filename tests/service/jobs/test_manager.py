@@ -161,7 +161,7 @@ def frozen_while_it_draws(client: ServedClient, recording_file: Path) -> tuple[s
     unless that was quicker."""
     process, jobs = recognition(client), client.app.state.context.jobs
     location = start(client, recording_file)
-    wait_until(lambda: jobs.draws(Path(location).name) and client.get(location).json()["state"] == "succeeded")
+    wait_until(lambda: jobs.is_drawing(Path(location).name) and client.get(location).json()["state"] == "succeeded")
     os.kill(process, signal.SIGSTOP)
     return location, process, jobs
 
@@ -174,7 +174,7 @@ def test_a_scan_whose_results_are_removed_while_its_picture_is_drawn_has_succeed
         later = datetime.now(UTC) + timedelta(days=2)
         assert sweep(client.app.state.context.store, RetentionConfig(max_age_days=1), later, lambda: True)
         os.kill(process, signal.SIGCONT)
-        wait_until(lambda: not jobs.draws(Path(location).name))
+        wait_until(lambda: not jobs.is_drawing(Path(location).name))
         assert client.get(location).status_code == 404
         told = client.get("/metrics").text
         assert 'pointchain_scans_total{mode="replay",outcome="succeeded"} 1.0' in told
@@ -203,7 +203,7 @@ def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
 def test_a_picture_that_does_not_end_keeps_no_cancelled_scan(
     serve: Serve, recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.jobs.manager.PICTURE_S", 0.1)
+    monkeypatch.setattr("service.jobs.manager.PREVIEW_TIMEOUT_S", 0.1)
     with serve(tmp_path) as client:
         first, _, jobs = frozen_while_it_draws(client, recording_file)
         body = {"mode": "replay", "recording": client.get(first).json()["recording"]}

@@ -19,10 +19,10 @@ def told(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tuple[s
     """`told()`: level and message of each line so far, without the time that the scan took."""
 
     def lines() -> list[tuple[str, str]]:
-        found = [record for record in caplog.records if record.name == "service.jobs.scan_job"]
+        found = [record for record in caplog.records if record.name == "service.jobs.runner"]
         return [(one.levelname, re.sub(r"after \d+\.\d s", "after", one.getMessage())) for one in found]
 
-    with caplog.at_level(logging.INFO, "service.jobs.scan_job"):
+    with caplog.at_level(logging.INFO, "service.jobs.runner"):
         yield lines
 
 

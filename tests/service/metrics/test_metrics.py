@@ -1,4 +1,4 @@
-"""What `/metrics` tells is what happened."""
+"""The metrics at `/metrics` match what happened."""
 
 import re
 from collections.abc import Callable
@@ -10,7 +10,7 @@ import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.logs.request_time import arrived_s, arriving
+from service.logs.request_time import arrival_time, request_arrival
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StoreSizes
 from service.processing.view_outcomes import ViewOutcome
@@ -20,7 +20,7 @@ Values = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 
 
 def values(client: httpx.Client) -> Values:
-    """All samples by their name and labels."""
+    """Return all samples by their name and labels."""
     answer = client.get("/metrics")
     assert answer.status_code == 200
     assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
@@ -42,40 +42,40 @@ def test_a_scan_is_counted_with_its_stages_and_its_views(
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     scan = finished(client, answer.headers["location"])
     assert scan["state"] == "succeeded", scan["problem"]
-    client.get(scan["links"]["preview"])  # the next scan may begin behind it: all of this one is told by then
+    client.get(scan["links"]["preview"])  # it is ready only after the metrics of the scan are recorded
     after = values(client)
 
-    def more(name: str, **labels: str) -> float:
+    def increase(name: str, **labels: str) -> float:
         key = name, tuple(sorted(labels.items()))
         return after[key] - before.get(key, 0.0)
 
-    assert more("pointchain_scans_total", mode="replay", outcome="succeeded") == 1
-    assert more("pointchain_scans_total", mode="live", outcome="succeeded") == 0
-    assert more("pointchain_scan_seconds_count", mode="replay") == 1
+    assert increase("pointchain_scans_total", mode="replay", outcome="succeeded") == 1
+    assert increase("pointchain_scans_total", mode="live", outcome="succeeded") == 0
+    assert increase("pointchain_scan_seconds_count", mode="replay") == 1
     timing = client.get(scan["links"]["model"]).json()["timing_s"]
     for stage, seconds in timing.items():
-        assert more("pointchain_recognition_stage_seconds_count", stage=stage) == 1
-        assert more("pointchain_recognition_stage_seconds_sum", stage=stage) == pytest.approx(seconds, abs=1e-3)
-    assert more("pointchain_registration_correction_metres_count") == 4
-    assert more("pointchain_registration_correction_radians_count") == 4
-    assert more("pointchain_http_requests_total", method="POST", route="/api/scans", status="202") == 1
-    # By the template: no id is ever a label.
-    assert more("pointchain_http_requests_total", method="GET", route="/api/scans/{id}", status="200") >= 1
+        assert increase("pointchain_recognition_stage_seconds_count", stage=stage) == 1
+        assert increase("pointchain_recognition_stage_seconds_sum", stage=stage) == pytest.approx(seconds, abs=1e-3)
+    assert increase("pointchain_registration_correction_metres_count") == 4
+    assert increase("pointchain_registration_correction_radians_count") == 4
+    assert increase("pointchain_http_requests_total", method="POST", route="/api/scans", status="202") == 1
+    # The label is the template of the route; an id is never a label.
+    assert increase("pointchain_http_requests_total", method="GET", route="/api/scans/{id}", status="200") >= 1
     assert not any(scan["id"] in str(labels) for _, labels in after)
 
 
-def test_an_address_that_nobody_knows_is_one_label(client: httpx.Client) -> None:
+def test_all_unknown_addresses_have_one_label(client: httpx.Client) -> None:
     before = len(values(client))
     for number in range(20):
         client.get(f"/api/nothing-{number}")
         client.request(f"WHAT{number}", "/api/scans")
     after = values(client)
-    told = [key for key in after if "nothing-" in str(key) or "WHAT" in str(key)]
-    assert told == []
+    labelled = [key for key in after if "nothing-" in str(key) or "WHAT" in str(key)]
+    assert labelled == []
     assert len(after) - before < 100
 
 
-def test_the_state_of_all_is_told_without_asking_anybody(client: httpx.Client) -> None:
+def test_the_current_state_is_reported(client: httpx.Client) -> None:
     found = values(client)
     state = client.get("/api/cell").json()["state"]
     assert value(found, "pointchain_cell_state", state=state) == 1
@@ -87,7 +87,7 @@ def test_the_state_of_all_is_told_without_asking_anybody(client: httpx.Client) -
     assert value(found, "process_resident_memory_bytes") > 0
     (build,) = [dict(labels) for name, labels in found if name == "pointchain_build_info"]
     assert re.fullmatch(r"\d+\.\d+.*", build["version"])
-    # Names say their unit, and none is given twice.
+    # Names end with their unit.
     ours = {name for name, _ in found if name.startswith("pointchain_")}
     units = re.compile(r"_(seconds|metres|radians|bytes)(_bucket|_sum|_count|_created)?$|_(total|created|info)$")
     plain = {"pointchain_cell_state", "pointchain_robot_mode", "pointchain_robot_safety_mode"}
@@ -102,39 +102,41 @@ def test_a_stop_is_timed_from_the_arrival_of_its_request(client: httpx.Client) -
     assert client.post("/api/cell/stop").status_code == 200
     after = values(client)
     assert value(after, "pointchain_stop_seconds_count") == value(before, "pointchain_stop_seconds_count") + 1
-    with arriving() as at:
-        assert arrived_s() == at
-    assert arrived_s() > at
+    with request_arrival() as at:
+        assert arrival_time() == at
+    assert arrival_time() > at
 
 
-def test_views_that_were_not_used_are_counted_by_their_reason() -> None:
+def test_unused_views_are_counted_by_their_reason() -> None:
     registry = CollectorRegistry()
     metrics = ScanMetrics(registry)
     assert registry.get_sample_value("pointchain_view_failures_total", {"reason": "camera"}) == 0
-    metrics.missing("camera")
-    metrics.recorded()
+    metrics.count_missing_view("camera")
+    metrics.count_recorded_view()
     views = (
         ViewOutcome(0, None, 0.0004, 0.003),
         ViewOutcome(1, "contradicting", None, None),
         ViewOutcome(2, "nothing_seen", None, None),
     )
-    metrics.recognised({"registration": 0.3, "made-up": 1.0}, views)
+    metrics.observe_recognition({"registration": 0.3, "made-up": 1.0}, views)
 
-    def told(name: str, **labels: str) -> float | None:
+    def sample(name: str, **labels: str) -> float | None:
         return registry.get_sample_value(name, labels)
 
     for reason in ("camera", "contradicting", "nothing_seen"):
-        assert told("pointchain_view_failures_total", reason=reason) == 1
-    assert told("pointchain_views_total", result="left_out") == 2
-    assert told("pointchain_views_total", result="missing") == told("pointchain_views_total", result="recorded") == 1
-    assert told("pointchain_registration_correction_metres_sum") == pytest.approx(0.0004)
-    assert told("pointchain_recognition_stage_seconds_sum", stage="other") == 1.0
-    metrics.ended("live", "aborted", 3.0)
-    assert told("pointchain_scans_total", mode="live", outcome="aborted") == 1
-    assert told("pointchain_scan_seconds_count", mode="live") is None  # nothing came of it
+        assert sample("pointchain_view_failures_total", reason=reason) == 1
+    assert sample("pointchain_views_total", result="left_out") == 2
+    assert (
+        sample("pointchain_views_total", result="missing") == sample("pointchain_views_total", result="recorded") == 1
+    )
+    assert sample("pointchain_registration_correction_metres_sum") == pytest.approx(0.0004)
+    assert sample("pointchain_recognition_stage_seconds_sum", stage="other") == 1.0
+    metrics.observe_scan("live", "aborted", 3.0)
+    assert sample("pointchain_scans_total", mode="live", outcome="aborted") == 1
+    assert sample("pointchain_scan_seconds_count", mode="live") is None  # it has no result
 
 
-def test_sizes_are_of_what_is_there(tmp_path: Path) -> None:
+def test_sizes_are_those_of_the_files(tmp_path: Path) -> None:
     for name in ("recordings/a.mcap", "scans/s1/model.json", "pointchain.sqlite3", "pointchain.sqlite3-wal"):
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -142,4 +144,4 @@ def test_sizes_are_of_what_is_there(tmp_path: Path) -> None:
     sizes = StoreSizes(tmp_path)
     assert sizes.latest() == {"database": 20, "recordings": 10, "results": 10}
     (tmp_path / "recordings" / "b.mcap").write_bytes(b"x")
-    assert sizes.latest()["recordings"] == 10  # looked at once a minute
+    assert sizes.latest()["recordings"] == 10  # read once a minute

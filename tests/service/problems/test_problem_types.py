@@ -1,4 +1,4 @@
-"""The table of problem types is complete, holds nothing else, and is the only place with statuses."""
+"""The table of problem types is complete, has no unused type, and is the only one with statuses."""
 
 import ast
 import importlib
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[3]
 STATES = {
     "not-connected": "default of CellStatus.slug in cell/control/status.py",
 }
-"""Slugs that no call below has as a constant, and where they come from."""
+"""Slugs that no call or class below has as a constant, with their source."""
 SLUG_AT = {
     "ProblemError": 0,
     "ServiceError": 0,
@@ -33,11 +33,11 @@ SLUG_AT = {
     "failed": 2,
     "HandEyeInputError": 0,
 }
-"""Which argument of a call is the slug."""
+"""Index of the argument that is the slug, by the name of the called function."""
 OVER_HTTP = {*SLUG_AT} - {"error_document", "failed", "HandEyeInputError"}
-"""Calls whose problem is an answer over HTTP, or the problem of a job."""
+"""Calls whose problem is in an HTTP response or in a job."""
 HTTP_PACKAGES = ("api", "client", "console", "metrics", "problems", "security", "server")
-"""Packages of the service that may know HTTP."""
+"""Packages of the service that may use HTTP."""
 
 
 def sources() -> Iterator[Path]:
@@ -60,8 +60,8 @@ def constant(call: ast.Call, index: int) -> Any:
     return argument.value if isinstance(argument, ast.Constant) else None
 
 
-def in_calls(names: Collection[str] = SLUG_AT.keys()) -> set[str]:
-    """Return the slugs that calls of these names have as constants."""
+def slugs_in_calls(names: Collection[str] = SLUG_AT.keys()) -> set[str]:
+    """Return the slugs that are constants in calls of functions with these names."""
     found = set()
     for call in CALLS:
         name = name_of(call)
@@ -76,20 +76,20 @@ def in_calls(names: Collection[str] = SLUG_AT.keys()) -> set[str]:
 
 
 def error_classes() -> set[type[Exception]]:
-    """Return the classes of errors with a slug of their own that the code raises."""
+    """Return the error classes that have their own slug and that the code raises."""
     for path in sources():
         if "slug = " in path.read_text():
             importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
     made = {name_of(call) for call in CALLS}
 
-    def below(kind: type[Exception]) -> Iterator[type[Exception]]:
+    def subclasses(kind: type[Exception]) -> Iterator[type[Exception]]:
         for child in kind.__subclasses__():
             yield child
-            yield from below(child)
+            yield from subclasses(child)
 
     return {
         kind
-        for kind in below(Exception)
+        for kind in subclasses(Exception)
         if kind.__module__.partition(".")[0] in PACKAGES
         and isinstance(vars(kind).get("slug"), str)
         and (kind.__name__ in made or not kind.__subclasses__())
@@ -101,29 +101,29 @@ def classes() -> set[type[Exception]]:
     return error_classes()
 
 
-def test_each_slug_that_the_code_raises_is_in_the_table_and_no_other(classes: set[type[Exception]]) -> None:
-    raised = in_calls() | {str(vars(kind)["slug"]) for kind in classes} | set(STATES)
+def test_the_table_has_exactly_the_slugs_that_the_code_raises(classes: set[type[Exception]]) -> None:
+    raised = slugs_in_calls() | {str(vars(kind)["slug"]) for kind in classes} | set(STATES)
     assert raised - set(PROBLEM_TYPES) == set()
     assert set(PROBLEM_TYPES) - raised == set()
 
 
-def test_the_scan_finds_what_it_is_for(classes: set[type[Exception]]) -> None:
-    """A scan that finds nothing would let everything pass."""
-    assert {"host-not-allowed", "released", "parallel-axes", "recognition-crashed", "too-slow"} <= in_calls()
-    assert {"method-not-allowed", "calibration-refused", "cell-busy"} <= in_calls()
+def test_the_search_finds_calls_and_classes(classes: set[type[Exception]]) -> None:
+    """A search that finds nothing would let every table pass."""
+    assert {"host-not-allowed", "released", "parallel-axes", "recognition-crashed", "too-slow"} <= slugs_in_calls()
+    assert {"method-not-allowed", "calibration-refused", "cell-busy"} <= slugs_in_calls()
     assert {"ProtectiveStopError", "ContradictingViewsError", "BoardError"} <= {kind.__name__ for kind in classes}
 
 
-def test_each_problem_of_an_answer_or_of_a_job_has_a_status(classes: set[type[Exception]]) -> None:
-    slugs = in_calls(OVER_HTTP) | {
+def test_each_problem_of_a_response_or_a_job_has_a_status(classes: set[type[Exception]]) -> None:
+    slugs = slugs_in_calls(OVER_HTTP) | {
         str(vars(kind)["slug"])
         for kind in classes
         if issubclass(kind, (CellError, HandEyeError, BoardDetectionError, RecordingError, RecognitionError))
     }
-    values_of_the_cell = {"not-connected", "released"}
-    only_on_the_command_line = {"bag", "cloud", "frames", "recording", "recording-exists"}
+    cell_values = {"not-connected", "released"}
+    command_line_only = {"bag", "cloud", "frames", "recording", "recording-exists"}
     without = {slug for slug in slugs if PROBLEM_TYPES[slug].status is None}
-    assert without - values_of_the_cell - only_on_the_command_line == set()
+    assert without - cell_values - command_line_only == set()
 
 
 def test_titles_and_statuses_come_from_the_table() -> None:
@@ -143,7 +143,7 @@ def test_titles_and_statuses_come_from_the_table() -> None:
     }
 
 
-def test_each_type_says_why_and_what_to_do() -> None:
+def test_each_type_has_a_cause_and_an_action() -> None:
     for slug, kind in PROBLEM_TYPES.items():
         for text in (kind.cause, kind.action):
             assert text.endswith("."), slug
@@ -152,8 +152,8 @@ def test_each_type_says_why_and_what_to_do() -> None:
     assert {kind.group for kind in PROBLEM_TYPES.values()} == set(get_args(Group))
 
 
-def test_nothing_outside_the_http_packages_has_a_status() -> None:
-    """A number of a status in any other package would be a second table."""
+def test_no_package_without_http_has_a_status() -> None:
+    """The number of a status in another package would be a second table."""
     statuses = {kind.status for kind in PROBLEM_TYPES.values()} - {None}
     found = []
     for path in sources():

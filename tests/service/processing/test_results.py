@@ -1,4 +1,4 @@
-"""From a recording to the files of a result, without HTTP."""
+"""Recognition of a recording and the files of its result, without HTTP."""
 
 import io
 import json
@@ -16,8 +16,8 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import STAGES, stages_of
 from service.processing.preview import draw_preview
 from service.processing.results import (
-    DONE_BEFORE,
     READING,
+    STAGE_START_FRACTION,
     WRITING,
     check_radius,
     merged_cloud,
@@ -27,33 +27,33 @@ from service.processing.results import (
 )
 
 
-def test_the_radius_asked_for_goes_before_the_recorded_one() -> None:
+def test_a_requested_radius_takes_precedence_over_the_recorded_one() -> None:
     assert check_radius(0.003, 0.0042) == 0.003
     assert check_radius(None, 0.0042) == 0.0042
 
 
-def test_a_radius_that_nobody_knows_is_left_to_be_measured() -> None:
+def test_an_unknown_radius_is_left_to_be_measured() -> None:
     assert check_radius(None, None) is None
 
 
-@pytest.mark.parametrize(("asked", "recorded"), [(-1.0, 0.0042), (4.2, None), (None, 0.1), (0.0, None)])
-def test_a_radius_of_no_string_is_refused(asked: float | None, recorded: float | None) -> None:
+@pytest.mark.parametrize(("requested", "recorded"), [(-1.0, 0.0042), (4.2, None), (None, 0.1), (0.0, None)])
+def test_an_impossible_radius_is_refused(requested: float | None, recorded: float | None) -> None:
     with pytest.raises(InvalidParametersError):
-        check_radius(asked, recorded)
+        check_radius(requested, recorded)
 
 
 def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_path: Path) -> None:
-    told: list[str] = []
-    recognition = recognise_recording(recording_file, on_stage=told.append)
-    assert told == [READING, *stages_of("graph")]
+    stages: list[str] = []
+    recognition = recognise_recording(recording_file, on_stage=stages.append)
+    assert stages == [READING, *stages_of("graph")]
     outcome = write_results(recognition, tmp_path / "out")
     assert (outcome.chains, outcome.crossings, outcome.partial) == (1, 0, False)
 
     written = json.loads((tmp_path / "out" / "model.json").read_text())
     assert written == json.loads(json.dumps(recognition.model.to_json()))
-    # It lies free: it can be taken all along, 5 mm apart, but for the fingers' width at the ends.
+    # the string is free: there is a grasp every 5 mm, except within the fingers' width of the ends
     assert len(written["grasps"]) > 70
-    # The scene is one string of 0.4 m and r = 4.2 mm on the table: what an eye would check.
+    # the scene is one string of 0.4 m with r = 4.2 mm on the table
     (chain,) = written["chains"]
     assert chain["length_m"] == pytest.approx(0.4, abs=0.012)
     assert np.median(np.array(chain["points"])[:, 2]) == pytest.approx(0.0042, abs=0.001)
@@ -61,18 +61,18 @@ def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_pat
     import open3d
 
     cloud = np.asarray(open3d.io.read_point_cloud(tmp_path / "out" / "cloud.ply").points)
-    # float32 of coordinates below a metre.
+    # float32 of coordinates below one metre
     np.testing.assert_allclose(cloud, merged_cloud(recognition), atol=1e-7)
     assert len(cloud) > 500
 
 
-def test_a_gripper_too_small_for_the_string_is_said(recording_file: Path) -> None:
+def test_a_gripper_too_small_for_the_string_gives_a_warning(recording_file: Path) -> None:
     model = recognise_recording(recording_file, gripper=Gripper(stroke_m=0.008)).model
     assert model.grasps == ()
     assert any("the gripper opens 8.0 mm" in warning for warning in model.quality.warnings)
 
 
-def test_what_is_missing_from_the_file_is_said(recording_file: Path, tmp_path: Path) -> None:
+def test_a_truncated_file_gives_a_warning(recording_file: Path, tmp_path: Path) -> None:
     content = recording_file.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: len(content) * 3 // 4])
@@ -80,11 +80,11 @@ def test_what_is_missing_from_the_file_is_said(recording_file: Path, tmp_path: P
     assert any("the file ends" in warning for warning in model.quality.warnings)
 
 
-def test_the_shares_of_time_cover_all_stages_and_rise() -> None:
-    assert tuple(DONE_BEFORE) == (READING, *STAGES, WRITING)
-    shares = list(DONE_BEFORE.values())
-    assert shares == sorted(shares)
-    assert 0 <= shares[0] <= shares[-1] < 1
+def test_the_start_fractions_cover_all_stages_and_increase() -> None:
+    assert tuple(STAGE_START_FRACTION) == (READING, *STAGES, WRITING)
+    fractions = list(STAGE_START_FRACTION.values())
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] <= fractions[-1] < 1
 
 
 def test_an_empty_cloud_is_a_valid_file() -> None:
@@ -94,7 +94,7 @@ def test_an_empty_cloud_is_a_valid_file() -> None:
 
 
 def crossed_model() -> PointChainModel:
-    """A string along x and one along y over it."""
+    """Return a model of a string along x, and one along y above it."""
     line = np.linspace(-0.1, 0.1, 51)
     flat, n = np.zeros_like(line), len(line)
     sure, seen = np.full(n, 1e-4), np.full(n, 4)
@@ -104,24 +104,24 @@ def crossed_model() -> PointChainModel:
     return PointChainModel("enhanced", ChainParameters.for_radius(0.004), (under, over), (crossing,))
 
 
-def picture(model: PointChainModel, points: np.ndarray) -> np.ndarray:
+def preview_pixels(model: PointChainModel, points: np.ndarray) -> np.ndarray:
     return matplotlib.image.imread(io.BytesIO(draw_preview(model, points)), format="png")[..., :3]
 
 
-def test_the_preview_breaks_the_strand_below() -> None:
-    pixels = picture(crossed_model(), np.zeros((0, 3)))
+def test_the_under_strand_has_a_gap_in_the_preview() -> None:
+    pixels = preview_pixels(crossed_model(), np.zeros((0, 3)))
     assert pixels.shape == (600, 800, 3)
     coloured = np.ptp(pixels, axis=2) > 0.3
     rows, columns = np.nonzero(coloured)
-    # The strands cross in the middle of the coloured area. Neither the label nor the dot is near there.
+    # the strands cross in the middle of the coloured area, away from the label and the dot
     row, column = (rows.min() + rows.max()) // 2, (columns.min() + columns.max()) // 2
     gap = slice(column - 11, column - 6)
     assert coloured[row - 40 : row - 20, column - 5 : column + 5].any(), "the over strand runs up to the crossing"
-    assert not coloured[row - 3 : row + 4, gap].any(), "the under strand is broken beside it"
-    assert coloured[row - 3 : row + 4, column - 80 : column - 60].any(), "and goes on further away"
+    assert not coloured[row - 3 : row + 4, gap].any(), "the under strand has a gap beside it"
+    assert coloured[row - 3 : row + 4, column - 80 : column - 60].any(), "and continues further away"
 
 
-def test_a_preview_of_nothing_is_a_picture_too() -> None:
+def test_the_preview_of_an_empty_model_is_an_image() -> None:
     empty = PointChainModel("enhanced", ChainParameters.for_radius(0.004))
-    pixels = picture(empty, np.zeros((0, 3)))
-    assert pixels.min() < 0.1  # it says that there is nothing
+    pixels = preview_pixels(empty, np.zeros((0, 3)))
+    assert pixels.min() < 0.1  # the text "no string in view"

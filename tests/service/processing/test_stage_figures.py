@@ -1,4 +1,4 @@
-"""The pictures of the stages: their names, and that no text is cut off or covered."""
+"""The pictures of the stages: their names, and no text is cut off or covered."""
 
 import json
 from collections.abc import Iterator
@@ -27,20 +27,20 @@ NAMES = {
 
 @pytest.fixture(scope="module", params=["figure-eight", "coil"])
 def scan(request: pytest.FixtureRequest) -> Any:
-    """A scan with one crossing, and one with several."""
+    """A scan with one crossing, and a scan with several."""
     crossings = 3 if request.param == "coil" else None
     return simulate(make_scene(request.param, 1, crossings=crossings), camera_model("ideal", (320, 200)), 1, views=4)
 
 
-def recognised(scan: Any, method: Method) -> Recognition:
-    where = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    return recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), where, method)
+def recognise_scan(scan: Any, method: Method) -> Recognition:
+    scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
+    return recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene, method)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_text_of_every_picture_can_be_read(scan: Any, method: Method) -> None:
+def test_every_text_of_every_picture_is_readable(scan: Any, method: Method) -> None:
     names = []
-    for name, figure in stage_figures(recognised(scan, method), scan.truth):
+    for name, figure in stage_figures(recognise_scan(scan, method), scan.truth):
         names.append(name)
         figure.canvas.draw()
         boxes = [(text, axes, text.get_window_extent()) for text, axes in visible_texts(figure)]
@@ -78,9 +78,9 @@ def visible_texts(figure: Any) -> Iterator[tuple[Any, Any]]:
             yield text, axes
 
 
-def test_the_close_up_labels_the_strands_inside_its_frame() -> None:
+def test_the_close_up_has_the_labels_of_the_strands_inside_its_frame() -> None:
     scan = simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=4)
-    model = recognised(scan, "graph")
+    model = recognise_scan(scan, "graph")
     assert len(model.model.crossings) == 1
     *_, (name, figure) = stage_figures(model, scan.truth)
     assert name == "model"
@@ -97,7 +97,7 @@ def test_the_close_up_labels_the_strands_inside_its_frame() -> None:
 def test_pictures_are_numbered_and_replace_those_of_another_method(scan: Any, tmp_path: Path) -> None:
     (tmp_path / "01_notes.png").write_text("not ours")
     for method in METHODS:
-        written = write_trace(recognised(scan, method), tmp_path, json.loads(json.dumps(scan.truth)))
+        written = write_trace(recognise_scan(scan, method), tmp_path, json.loads(json.dumps(scan.truth)))
         assert [path.name for path in written] == [f"{k:02}_{name}.png" for k, name in enumerate(NAMES[method], 1)]
         assert sorted(tmp_path.iterdir()) == sorted([*written, tmp_path / "01_notes.png"])
         assert all(path.read_bytes().startswith(b"\x89PNG") for path in written)

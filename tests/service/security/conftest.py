@@ -1,4 +1,4 @@
-"""A service that asks for tokens, one client a role; and ways to speak to a service as no client library does."""
+"""A service with a token for each role, and raw connections to a service."""
 
 import socket
 import threading
@@ -20,18 +20,18 @@ from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 
 @dataclass(frozen=True)
 class Guarded:
-    """A service with tokens."""
+    """A service with a token for each role."""
 
     data: Path
     client: ServedClient
-    """Without a token."""
+    """Client without a token."""
     headers: dict[str, dict[str, str]]
-    """Of each role."""
+    """Header with the token of each role."""
 
 
 @pytest.fixture(scope="session")
 def guarded(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    """A service with a token of each role, named by its role."""
+    """Start a service with a token for each role. The token has the name of its role."""
     data = tmp_path_factory.mktemp("guarded")
     headers = {role: bearer(add_token(data, role, role)) for role in ROLES}
     with without_recognition(serve, data, limits={"request_bytes": 4096, "upload_bytes": 2_000_000}) as client:
@@ -40,20 +40,20 @@ def guarded(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 @contextmanager
 def without_recognition(serve: Serve, data: Path, **settings: Any) -> Iterator[ServedClient]:
-    """A service that starts no recognition process, which would take longer than all else here."""
+    """Start a service without a recognition process, whose start would take longer than the tests."""
 
-    def nothing(*_: object) -> None: ...
+    def do_nothing(*_: object) -> None: ...
 
     with ExitStack() as running:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Jobs, "_prepare", nothing)
+            patch.setattr(Jobs, "_prepare", do_nothing)
             client = running.enter_context(serve(data, **settings))
-            client.app.state.context.jobs._prepare = nothing
+            client.app.state.context.jobs._prepare = do_nothing
         yield client
 
 
 def bearer(token: str) -> dict[str, str]:
-    """The header with a token."""
+    """Return the header with a token."""
     return {"Authorization": f"Bearer {token}"}
 
 
@@ -62,7 +62,7 @@ ServeApp = Callable[..., AbstractContextManager[int]]
 
 @pytest.fixture
 def serve_app() -> ServeApp:
-    """`serve_app(app, **options of uvicorn)`: a bare ASGI application on a free port, as the service would be."""
+    """`serve_app(app, **options of uvicorn)`: serve an ASGI application on a free port by the service's server."""
 
     @contextmanager
     def serving(app: Any, **options: Any) -> Iterator[int]:
@@ -80,22 +80,22 @@ def serve_app() -> ServeApp:
 
 
 def connect(port: int) -> socket.socket:
-    """A bare connection."""
+    """Open a TCP connection."""
     return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
 
 def port_of(client: httpx.Client) -> int:
-    """Where the client's service listens."""
+    """Return the port of the client's service."""
     assert client.base_url.port is not None
     return client.base_url.port
 
 
 def read_all(connection: socket.socket) -> bytes:
-    """What comes until the other side closes."""
+    """Read until the other side closes the connection."""
     found = b""
     try:
         while part := connection.recv(65536):
             found += part
     except ConnectionResetError:
-        pass  # closed with something of ours unread
+        pass  # the other side closed with unread data
     return found

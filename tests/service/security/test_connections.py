@@ -1,4 +1,4 @@
-"""However many connections somebody without a token holds, a stop comes in."""
+"""A stop gets through, however many connections a client without a token holds."""
 
 import logging
 import socket
@@ -12,54 +12,54 @@ import pytest
 
 from service.security.auth.tokens import add_token
 from service.server import connections as connection
-from service.server.connections import GuardedConnection, backlog, most_connections
-from service.server.file_limit import open_files, raise_open_files
+from service.server.connections import GuardedConnection, backlog, connection_limit
+from service.server.file_limit import open_file_limit, raise_file_limit
 from tests.service import service_process
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.security.conftest import bearer, connect, port_of, read_all, without_recognition
 from tests.service.service_process import answers, process
 
-MOST = 8
+LIMIT = 8
 HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
 LARGE = b"GET /static-offline-docs/swagger-ui-bundle.js HTTP/1.1\r\nHost: localhost\r\n\r\n" * 10
-"""More than the system keeps for a connection, some MB on each side."""
+"""More than the buffers of a connection hold, a few MB on each side."""
 
 
 @dataclass(frozen=True)
 class Crowded:
-    """A service that keeps few connections."""
+    """A service with a low limit of connections."""
 
     client: ServedClient
     token: dict[str, str]
 
     def stop(self) -> httpx.Response:
-        """By a connection of its own."""
+        """Stop the arm over a new connection."""
         return httpx.post(f"{self.client.base_url}/api/cell/stop", headers=self.token, timeout=PATIENCE_S)
 
     def follow(self) -> socket.socket:
-        """An event stream that has begun."""
+        """Open an event stream."""
         head = f"GET /api/events HTTP/1.1\r\nHost: localhost\r\nAuthorization: {self.token['Authorization']}\r\n\r\n"
-        return held(port_of(self.client), head.encode())
+        return open_connection(port_of(self.client), head.encode())
 
 
 @pytest.fixture(scope="module")
 def service(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Crowded]:
     data = tmp_path_factory.mktemp("crowded")
     token = bearer(add_token(data, "ann", "viewer"))
-    with without_recognition(serve, data, limits={"event_streams_each": MOST}) as client:
+    with without_recognition(serve, data, limits={"event_streams_each": LIMIT}) as client:
         yield Crowded(client, token)
 
 
 @pytest.fixture
 def crowded(service: Crowded, monkeypatch: pytest.MonkeyPatch) -> Crowded:
-    """Few from now on, of which nothing is told yet."""
-    monkeypatch.setattr(connection, "MOST", MOST)
-    monkeypatch.setattr(GuardedConnection, "_told_s", float("-inf"))
+    """The service with its limit set and no warning logged."""
+    monkeypatch.setattr(connection, "MAX_CONNECTIONS", LIMIT)
+    monkeypatch.setattr(GuardedConnection, "_last_warning_s", float("-inf"))
     return service
 
 
-def held(port: int, sent: bytes) -> socket.socket:
-    """A connection on which this was sent; if it is a request, its answer has begun."""
+def open_connection(port: int, sent: bytes) -> socket.socket:
+    """Open a connection and send something; if it is a request, wait for the start of its answer."""
     one = connect(port)
     one.sendall(sent)
     if sent.endswith(b"\r\n\r\n"):
@@ -68,7 +68,7 @@ def held(port: int, sent: bytes) -> socket.socket:
 
 
 def is_open(one: socket.socket) -> bool:
-    """Whether the service still has it."""
+    """Return whether the service has not closed the connection."""
     one.settimeout(0.0)
     try:
         while one.recv(65536):
@@ -80,67 +80,67 @@ def is_open(one: socket.socket) -> bool:
     return False
 
 
-def told(caplog: pytest.LogCaptureFixture) -> list[str]:
+def warnings(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.getMessage() for record in caplog.records if record.name == connection.__name__]
 
 
 @pytest.mark.parametrize("sent", [b"", b"GET /heal", HEALTH], ids=["nothing", "half-a-head", "keep-alive"])
-def test_who_asks_for_nothing_makes_room_and_who_has_for_longest_first(
+def test_the_longest_idle_connections_are_closed_first(
     crowded: Crowded, sent: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     with ExitStack() as open_ones, caplog.at_level(logging.WARNING):
         streams = [open_ones.enter_context(crowded.follow()) for _ in range(2)]
-        silent = [open_ones.enter_context(held(port_of(crowded.client), sent)) for _ in range(3 * MOST)]
+        silent = [open_ones.enter_context(open_connection(port_of(crowded.client), sent)) for _ in range(3 * LIMIT)]
         assert crowded.stop().status_code == 200
-        # As many are left as there is room for beside the two streams and the stop.
-        left = MOST - 3
-        wait_until(lambda: not any(is_open(one) for one in silent[:-left]))
-        assert all(is_open(one) for one in silent[-left:])
-        assert all(is_open(one) for one in streams), "who is at work stays"
-    (one,) = told(caplog)
+        # The streams and the stop use three connections of the limit.
+        remaining = LIMIT - 3
+        wait_until(lambda: not any(is_open(one) for one in silent[:-remaining]))
+        assert all(is_open(one) for one in silent[-remaining:])
+        assert all(is_open(one) for one in streams), "connections with a request stay open"
+    (one,) = warnings(caplog)
     assert "idle ones are closed" in one
 
 
-def test_who_takes_what_is_open_to_everybody_does_not_keep_a_stop_out(crowded: Crowded) -> None:
+def test_public_requests_do_not_block_a_stop(crowded: Crowded) -> None:
     with ExitStack() as open_ones:
-        for _ in range(MOST):
-            open_ones.enter_context(held(port_of(crowded.client), LARGE))
+        for _ in range(LIMIT):
+            open_ones.enter_context(open_connection(port_of(crowded.client), LARGE))
         assert crowded.stop().status_code == 200
 
 
-def test_no_work_is_given_up_for_somebody_new(crowded: Crowded, caplog: pytest.LogCaptureFixture) -> None:
+def test_no_request_is_aborted_for_a_new_connection(crowded: Crowded, caplog: pytest.LogCaptureFixture) -> None:
     with ExitStack() as open_ones:
-        streams = [open_ones.enter_context(crowded.follow()) for _ in range(MOST)]
+        streams = [open_ones.enter_context(crowded.follow()) for _ in range(LIMIT)]
         with connect(port_of(crowded.client)) as one_more:
             assert read_all(one_more) == b""
         assert all(is_open(one) for one in streams)
-        (one,) = told(caplog)
+        (one,) = warnings(caplog)
         assert "new ones are closed" in one
         streams[0].close()
         slots = crowded.client.app.state.context.streams
-        wait_until(lambda: slots.open < MOST)
+        wait_until(lambda: slots.open < LIMIT)
         assert crowded.stop().status_code == 200
 
 
-def test_never_more_than_take_half_of_the_files(monkeypatch: pytest.MonkeyPatch) -> None:
-    for files, most, at_once in ((256, 128, 32), (1024, 512, 128), (1 << 20, 512, 2048)):
-        monkeypatch.setattr(connection, "open_files", lambda files=files: files)
-        assert (most_connections(), backlog()) == (most, at_once)
+def test_connections_use_at_most_half_of_the_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    for files, limit, waiting in ((256, 128, 32), (1024, 512, 128), (1 << 20, 512, 2048)):
+        monkeypatch.setattr(connection, "open_file_limit", lambda files=files: files)
+        assert (connection_limit(), backlog()) == (limit, waiting)
 
 
-def test_all_files_that_the_system_grants_are_taken() -> None:
+def test_the_file_limit_is_raised_to_the_maximum() -> None:
     resource = pytest.importorskip("resource")
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft - 1, hard))
-        assert open_files() == soft - 1
-        raise_open_files()
-        assert open_files() == hard
+        assert open_file_limit() == soft - 1
+        raise_file_limit()
+        assert open_file_limit() == hard
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_with_few_files_many_do_not_keep_a_stop_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_connections_do_not_block_a_stop_with_few_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("resource")
     limits = "import resource; resource.setrlimit(resource.RLIMIT_NOFILE, (128, 256)); "
     monkeypatch.setattr(service_process, "SERVE", limits + service_process.SERVE)
@@ -151,10 +151,10 @@ def test_with_few_files_many_do_not_keep_a_stop_out(tmp_path: Path, monkeypatch:
         wait_until(lambda: answers(client))
         assert f"{'Max open files':<26}256 " in Path(f"/proc/{running.pid}/limits").read_text()
         for _ in range(300):
-            open_ones.enter_context(held(client.base_url.port or 80, HEALTH))
+            open_ones.enter_context(open_connection(client.base_url.port or 80, HEALTH))
         stop = httpx.post(f"{client.base_url}/api/cell/stop", headers=token, timeout=PATIENCE_S)
         assert stop.status_code == 200
-        told = log.read_text()
-        assert told.count("connections are open, and more come: idle ones are closed for them") == 1
-        assert "out of system resource" not in told
-        assert "Traceback" not in told
+        text = log.read_text()
+        assert text.count("connections are open, which is the limit: idle ones are closed") == 1
+        assert "out of system resource" not in text
+        assert "Traceback" not in text

@@ -1,4 +1,4 @@
-"""No name from outside becomes a path, and nothing odd in an address is an unexpected error."""
+"""No name in a request becomes a path, and no malformed address causes an unexpected error."""
 
 import os
 from collections.abc import Callable
@@ -29,8 +29,8 @@ ADDRESSES = (
 )  # fmt: skip
 
 
-def test_no_id_and_no_name_leads_anywhere(client: ServedClient) -> None:
-    """As raw bytes: a client library would tidy some of them up."""
+def test_malformed_names_are_refused(client: ServedClient) -> None:
+    """The requests are raw bytes, because a client library would normalise some of the names."""
     with connect(port_of(client)) as connection:
         file = connection.makefile("rb")
         for address in ADDRESSES:
@@ -43,13 +43,13 @@ def test_no_id_and_no_name_leads_anywhere(client: ServedClient) -> None:
                     key, _, value = line.decode().partition(": ")
                     headers[key.lower()] = value
                 body = file.read(int(headers["content-length"]))
-                # 409: that there is no arm is told before what is drawn of it.
+                # 409: the missing arm is reported before the invalid number of views.
                 assert status in (400, 404, 405, 409, 422), (target, status, body[:200])
                 assert headers["content-type"] == "application/problem+json", (target, body[:200])
 
 
 @pytest.mark.parametrize("bad", ["..", "%2e%2e", "..%2f..%2flock", "%00", "%ff", "a%5cb"])
-def test_nor_does_one_that_is_to_be_changed(client: ServedClient, bad: str) -> None:
+def test_malformed_names_are_refused_in_requests_that_change_something(client: ServedClient, bad: str) -> None:
     for method, address in (("POST", "/api/scans/{}/cancel"), ("POST", "/api/scans/{}/reprocess"),
                             ("PUT", "/api/scans/{}/keep"), ("POST", "/api/calibration/runs/{}/activate")):  # fmt: skip
         with connect(port_of(client)) as connection:
@@ -69,7 +69,7 @@ def folder(tmp_path: Path) -> DataFolder:
 @pytest.mark.parametrize(
     "bad", ["", ".", "..", "../x", "a/b", "a\\b", "/etc", "A", "a\n", "a\0", "a.b", "ａ", "a" * 65]
 )
-def test_a_path_is_made_of_nothing_but_an_id(folder: DataFolder, bad: str) -> None:
+def test_a_path_is_made_from_an_id_only(folder: DataFolder, bad: str) -> None:
     for path in (folder.recording, folder.results):
         with pytest.raises(OutsideError, match="is not an id"):
             path(bad)
@@ -77,14 +77,14 @@ def test_a_path_is_made_of_nothing_but_an_id(folder: DataFolder, bad: str) -> No
 
 
 @pytest.mark.parametrize("bad", ["", ".", "..", "../x", "a/b", "a\0"])
-def test_what_comes_in_has_a_plain_name(folder: DataFolder, bad: str) -> None:
+def test_an_incoming_file_has_a_plain_name(folder: DataFolder, bad: str) -> None:
     with pytest.raises(OutsideError, match="is not the name"):
         folder.incoming(bad)
     assert folder.incoming("upload-a.mcap").parent == folder.root / "incoming"
     folder.close()
 
 
-def test_a_link_is_not_followed_but_a_folder_may_be_elsewhere(folder: DataFolder, tmp_path: Path) -> None:
+def test_a_link_is_not_followed_except_for_a_folder(folder: DataFolder, tmp_path: Path) -> None:
     outside = tmp_path / "secret"
     outside.write_text("x")
     (folder.root / "recordings" / "a.mcap").symlink_to(outside)
@@ -101,17 +101,17 @@ def test_a_link_is_not_followed_but_a_folder_may_be_elsewhere(folder: DataFolder
     other.close()
 
 
-def test_a_link_in_the_place_of_a_recording_is_told_and_not_sent(
+def test_a_link_instead_of_a_recording_is_refused(
     client: ServedClient, recording: str, tmp_path: Path, assert_problem: AssertProblem
 ) -> None:
     secret = tmp_path / "secret"
-    secret.write_text("nobody's business")
+    secret.write_text("a private text")
     file = client.app.state.context.store.folder.recording(recording)
     kept = file.rename(tmp_path / "kept")
     file.symlink_to(secret)
     try:
         answer = client.get(f"/api/recordings/{recording}/file")
-        assert "business" not in answer.text
+        assert "private" not in answer.text
         assert_problem(answer, 403, "outside-data-folder")
     finally:
         file.unlink()

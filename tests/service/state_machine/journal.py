@@ -6,7 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from service.integrity.recording_check import acknowledged, lost_views
+from service.integrity.recording_check import acknowledged_views, find_lost_views
 from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
 from service.storage.rows import ViewRow
@@ -104,7 +104,7 @@ class Journal:
                 assert last in NEXT, f"scan {event['scan']} is {last}, and an event tells of {event['kind']} {data}"
 
     def _check_views(self, views: list[ViewRow]) -> None:
-        now = {(view.scan, view.view): view for view in acknowledged(views)}
+        now = {(view.scan, view.view): view for view in acknowledged_views(views)}
         for key, view in self._views.items():
             assert now.get(key) == view, f"view {key} was acknowledged as {view}, and is {now.get(key)}"
         for key in now.keys() - self._views.keys():
@@ -112,5 +112,5 @@ class Journal:
         self._views = now
 
     def _check_file(self, views: list[ViewRow]) -> None:
-        _, lost = lost_views(self._data / "recordings" / f"{views[0].scan}.mcap", views)
+        _, lost = find_lost_views(self._data / "recordings" / f"{views[0].scan}.mcap", views)
         assert not lost, f"acknowledged, and not on the disk: {lost}"

@@ -19,9 +19,9 @@ from calibration.atomic_write import write_synced
 from service.api.schemas.scan_resource import scan_resource
 from service.api.server_sent_events import change_event, scan_stream
 from service.errors import Failure
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
-from service.storage.event_log import MOST_BEHIND, Change, Present, ScanEvent, UnknownEventError
+from service.storage.event_log import MAX_MISSED_EVENTS, Change, ScanEvent, ScanSnapshot, UnknownEventError
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 from tests.service.following import Told, folded, following, told
@@ -43,13 +43,13 @@ def add_scan(store: Store) -> str:
 
 
 def whole(store: Store, scan_id: str) -> Told:
-    present = store.events.present(scan_id)
+    present = store.events.snapshot(scan_id)
     assert present is not None
     return Told("scan", str(present.newest), scan_resource(present.scan, present.views).model_dump())
 
 
 def behind(store: Store, scan_id: str, last: int = 0) -> list[ScanEvent]:
-    found = store.events.behind(scan_id, last)
+    found = store.events.since(scan_id, last)
     assert found is not None
     return found.events
 
@@ -95,7 +95,7 @@ def test_each_change_has_its_event(store: Store) -> None:
     assert told[2].data == {name: vars(events[2])[name] for name in ("id", "scan", "at", "kind", "data")}
     assert told[7].data["data"]["problem"] == {
         "type": "urn:pointchain:robot-lost",
-        "title": "The robot was lost",
+        "title": "The connection to the robot was lost",
         "status": 503,
         "detail": "gone",
         "instance": f"/api/scans/{scan}",
@@ -119,21 +119,21 @@ def test_what_could_not_be_written_is_not_told(store: Store) -> None:
     scan = add_scan(store)
 
     async def changes() -> None:
-        with store.events.hub.following(scan) as news:
+        with store.events.hub.subscribe(scan) as news:
             for change in (
                 lambda: store.update_scan(scan, state="scanning"),
                 lambda: store.set_view(scan, 0, "moving"),
                 lambda: store.end_scan(scan, "aborted", ABORTED),
             ):
                 with (
-                    patch.object(Change, "_note", side_effect=OSError("the disk")),
+                    patch.object(Change, "_add", side_effect=OSError("the disk")),
                     pytest.raises(OSError, match="the disk"),
                 ):
                     change()
             assert await news.next(0.05) is None
 
     asyncio.run(changes())
-    present = store.events.present(scan)
+    present = store.events.snapshot(scan)
     assert present is not None
     assert (present.scan.state, present.views, present.newest) == ("queued", [], 1)
     store.update_scan(scan, state="scanning")
@@ -172,36 +172,36 @@ def test_events_that_never_were_and_events_that_are_gone(store: Store) -> None:
     store.update_scan(scan, state="scanning")
     for last in (4, 2**62):
         with pytest.raises(UnknownEventError, match="no event"):
-            store.events.behind(scan, last)
+            store.events.since(scan, last)
         with pytest.raises(UnknownEventError, match="no event"):
-            store.events.all_behind(last)
+            store.events.all_since(last)
     with pytest.raises(UnknownEventError, match="not of this scan"):
-        store.events.behind(scan, 2)
-    everything = store.events.all_behind(0)
+        store.events.since(scan, 2)
+    everything = store.events.all_since(0)
     assert everything is not None
     assert [event.scan for event in everything] == [scan, other, scan]
     with store.database.transaction() as db:
         db.execute("DELETE FROM events WHERE scan = ?", (other,))
-    assert store.events.all_behind(0) is None
-    assert store.events.all_behind(2) is not None
-    assert store.events.behind(scan, 2) is None
+    assert store.events.all_since(0) is None
+    assert store.events.all_since(2) is not None
+    assert store.events.since(scan, 2) is None
     assert store.events.newest() == 3
-    assert store.events.present("no-such") is None
+    assert store.events.snapshot("no-such") is None
     with store.database.transaction() as db:
         db.execute("DELETE FROM events")
     assert store.events.newest() == 3
-    assert store.events.all_behind(2) is None
+    assert store.events.all_since(2) is None
 
 
 def test_too_many_events_of_all_scans_are_not_told_one_by_one(store: Store) -> None:
     scan = add_scan(store)
-    with store.events.changing() as change:
-        for _ in range(MOST_BEHIND):
+    with store.events.transaction() as change:
+        for _ in range(MAX_MISSED_EVENTS):
             change.progress(scan)
-    assert store.events.all_behind(0) is None
-    found = store.events.all_behind(1)
+    assert store.events.all_since(0) is None
+    found = store.events.all_since(1)
     assert found is not None
-    assert len(found) == MOST_BEHIND
+    assert len(found) == MAX_MISSED_EVENTS
 
 
 def test_interrupted_at_the_next_start_is_an_event_too(store: Store) -> None:
@@ -242,13 +242,13 @@ def test_no_gap_and_none_twice_while_all_is_changing(store: Store) -> None:
 
     async def once(scan: str, last: int | None) -> AsyncIterator[Told]:
         events = store.events
-        with events.hub.following(scan) as news:
+        with events.hub.subscribe(scan) as news:
             if last is None:
-                begin = await to_thread.run_sync(events.present, scan)
+                begin = await to_thread.run_sync(events.snapshot, scan)
             else:
-                begin = await to_thread.run_sync(events.behind, scan, last)
+                begin = await to_thread.run_sync(events.since, scan, last)
             assert begin is not None
-            seen = begin.newest if isinstance(begin, Present) else last or 0
+            seen = begin.newest if isinstance(begin, ScanSnapshot) else last or 0
             async with aclosing(scan_stream(events, scan, news, begin, "scan", seen)) as stream:
                 async for chunk in stream:
                     if (event := parsed(chunk)) is not None:

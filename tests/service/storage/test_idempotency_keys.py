@@ -14,9 +14,10 @@ import pytest
 from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScan, Reprocess
 from service.errors import ServiceError
-from service.jobs.new_rows import NOBODY, Asked, new_scan
+from service.jobs.submission import NOBODY, Requester, new_scan
 from service.storage.data_folder import DataFolder
-from service.storage.idempotency_keys import WISH_S, IdempotencyKeys, Key
+from service.storage.idempotency_keys import REQUEST_MEMORY_S as MEMORY_S
+from service.storage.idempotency_keys import IdempotencyKeys, Key
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 
@@ -52,7 +53,8 @@ def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
     assert_problem: AssertProblem,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("service.jobs.cell_lock.SOON_S", 60.0)  # however long a busy disk takes to accept the first
+    # However long a busy disk takes to accept the first.
+    monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 60.0)
     answers = all_at_once(lambda: post(client, wish(recording)))
     (accepted,) = [answer for answer in answers if answer.status_code == 202]
     for answer in answers:
@@ -136,7 +138,7 @@ def test_a_key_is_its_callers_own(store: Store) -> None:
         key = Key(caller, "k", "hash")
         with keys.first_use(key, 7.0) as used:
             assert used == 7.0
-            asked = Asked(caller, key)
+            asked = Requester(caller, key)
             scan = new_scan("live", "graph", None, asked)
             store.add_scan(scan, asked.key_row(scan))
         with keys.first_use(key, 8.0) as used:
@@ -162,7 +164,7 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
 
 
 def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.storage.idempotency_keys.MOST_WISHES", 3)
+    monkeypatch.setattr("service.storage.idempotency_keys.MAX_REMEMBERED", 3)
     keys = IdempotencyKeys(store)
 
     def asked_for_since(key: str | None, arrived_s: float) -> float | ScanRow:
@@ -170,13 +172,13 @@ def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monke
             return since
 
     assert asked_for_since("k", 1000.0) == 1000.0
-    assert asked_for_since("k", 1000.0 + WISH_S) == 1000.0
-    assert asked_for_since(None, 1001.0 + WISH_S) == 1001.0 + WISH_S
-    assert asked_for_since("k", 1001.0 + WISH_S) == 1001.0 + WISH_S, "nobody sends it again by himself so late"
+    assert asked_for_since("k", 1000.0 + MEMORY_S) == 1000.0
+    assert asked_for_since(None, 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S
+    assert asked_for_since("k", 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S, "no client repeats it so late"
     for key in "abc":
-        asked_for_since(key, 1002.0 + WISH_S)
-    assert asked_for_since("k", 1003.0 + WISH_S) == 1003.0 + WISH_S, "of too many, the oldest are forgotten"
-    assert asked_for_since("c", 1003.0 + WISH_S) == 1002.0 + WISH_S
+        asked_for_since(key, 1002.0 + MEMORY_S)
+    assert asked_for_since("k", 1003.0 + MEMORY_S) == 1003.0 + MEMORY_S, "of too many, the oldest are forgotten"
+    assert asked_for_since("c", 1003.0 + MEMORY_S) == 1002.0 + MEMORY_S
 
 
 def test_the_hash_is_of_what_is_asked_for_and_where() -> None:

@@ -13,14 +13,14 @@ import httpx
 import pytest
 
 from calibration.atomic_write import write_synced
-from service.clock import stamp
+from service.clock import format_utc
 from service.config.sections import RetentionConfig
-from service.jobs.new_rows import Asked, new_scan
+from service.jobs.submission import Requester, new_scan
 from service.states import ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
 from service.storage.migrations import MIGRATIONS
-from service.storage.removal import Old, remove
+from service.storage.removal import Candidate, remove
 from service.storage.retention import sweep
 from service.storage.rows import RecordingRow, ScanErrorRow
 from service.storage.store import Store
@@ -39,7 +39,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def days_ago(days: float) -> str:
-    return stamp(NOW - timedelta(days=days))
+    return format_utc(NOW - timedelta(days=days))
 
 
 def add_recording(store: Store, name: str, days: float) -> None:
@@ -51,7 +51,7 @@ def add_recording(store: Store, name: str, days: float) -> None:
 def add_scan(store: Store, name: str, days: float, **values: Any) -> None:
     """One that has ended so long ago, with a KiB of results and all that a scan may leave."""
     values = {"state": "succeeded", "ended_at": days_ago(days), "created_at": days_ago(days)} | values
-    asked = Asked("ann", Key("ann", f"key of {name}", "hash"))
+    asked = Requester("ann", Key("ann", f"key of {name}", "hash"))
     row = replace(new_scan("replay", "graph", None, asked), id=name, **values)
     store.add_scan(row, asked.key_row(row))
     store.set_view(name, 0, "recorded")
@@ -162,7 +162,7 @@ def test_of_an_earlier_version_everything_is_kept_and_can_go(tmp_path: Path) -> 
 def test_a_scan_that_was_marked_meanwhile_stays(store: Store) -> None:
     add_scan(store, "old", 99)
     store.keep_scan("old", True)
-    assert remove(store, Old("scan", "old", days_ago(99))) is None
+    assert remove(store, Candidate("scan", "old", days_ago(99))) is None
     assert scans(store) == {"old"}
 
 
@@ -171,7 +171,7 @@ def test_what_cannot_be_written_removes_no_file(store: Store, monkeypatch: pytes
     with store.database.transaction() as db:
         db.execute("CREATE TRIGGER no BEFORE DELETE ON scans BEGIN SELECT RAISE(ABORT, 'no'); END")
     with pytest.raises(sqlite3.IntegrityError):
-        remove(store, Old("scan", "old", days_ago(99)))
+        remove(store, Candidate("scan", "old", days_ago(99)))
     assert scans(store) == {"old"}
     assert store.key("ann", "key of old") is not None
 

@@ -1,32 +1,31 @@
-import { Fault } from "./bar/fault";
-import { addressOf, go, route, SCREENS, type Screen } from "./route";
-import { caller, signOut } from "./state/session";
-import { Login } from "./login";
 import { CalibrationScreen } from "./calibration/calibration";
+import { Fault } from "./bar/fault";
 import { HistoryScreen } from "./history/history";
+import { Login } from "./login";
 import { ResultScreen } from "./result/result";
+import { addressOf, go, route, SCREENS } from "./route";
 import { ScanScreen } from "./scan/scan";
+import { caller, signOut } from "./state/session";
+import { findText, t } from "./texts/translate";
 import { useAction } from "./ui/action";
 import { ManualLink, SECTIONS } from "./ui/manual";
 
-const NAMES: Record<Screen, string> = { scan: "Scan", result: "Result", history: "History", calibration: "Calibration" };
-
-/** All below the bar. */
+/** Everything below the bar. */
 export function App() {
-  if (caller.value === undefined) return <main id="main">Asking the service ...</main>;
+  if (caller.value === undefined) return <main id="main">{t("app.waiting")}</main>;
   if (caller.value === null) return <Login />;
   return (
     <>
-      <nav aria-label="Screens">
+      <nav aria-label={t("app.screens")}>
         {SCREENS.map((screen, k) => (
           <a key={screen} href={addressOf(screen)} aria-current={route.value.screen === screen ? "page" : undefined}>
-            <kbd aria-hidden="true">{k + 1}</kbd> {NAMES[screen]}
+            <kbd aria-hidden="true">{k + 1}</kbd> {t(`app.screen.${screen}`)}
           </a>
         ))}
-        <ManualLink page={SECTIONS[route.value.screen]} name="Help for this page">
-          Help
+        <ManualLink page={SECTIONS[route.value.screen]} name={t("help.page")}>
+          {t("help.link")}
         </ManualLink>
-        <Who />
+        <CallerInfo />
       </nav>
       <Fault />
       <main id="main" tabIndex={-1}>
@@ -44,31 +43,25 @@ function CurrentScreen() {
   return <ScanScreen />;
 }
 
-const MAY: Record<string, string> = {
-  viewer: "viewer: looks, and can stop the arm",
-  operator: "operator: scans",
-  maintainer: "maintainer: may do everything",
-};
-
-function Who() {
+function CallerInfo() {
   const action = useAction();
-  const who = caller.value;
-  if (!who) return null;
-  if (who.local) return <p class="who">This machine: may do everything, there are no tokens</p>;
+  const { value } = caller;
+  if (!value) return null;
+  if (value.local) return <p class="who">{t("app.local")}</p>;
   return (
     <p class="who">
-      {who.name}, {MAY[who.role]}{" "}
+      {t("app.signed_in", { name: value.name, role: findText(`app.role.${value.role}`) ?? value.role })}{" "}
       <button type="button" class="plain" disabled={action.busy} onClick={() => void action.run(signOut)}>
-        Sign out
+        {t("app.sign_out")}
       </button>
     </p>
   );
 }
 
-/** 1 to 4 change the screen, unless somebody writes. */
+/** Change the screen by the keys 1 to 4, except while a person types. */
 export function screenKeys(event: KeyboardEvent): void {
-  const writing = event.target instanceof HTMLElement && event.target.matches("input, select, textarea");
-  if (writing || event.ctrlKey || event.altKey || event.metaKey) return;
+  const typing = event.target instanceof HTMLElement && event.target.matches("input, select, textarea");
+  if (typing || event.ctrlKey || event.altKey || event.metaKey) return;
   const screen = SCREENS[Number(event.key) - 1];
   if (screen !== undefined) go(screen);
 }

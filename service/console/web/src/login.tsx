@@ -1,31 +1,31 @@
 import { useState } from "preact/hooks";
-import { askNow } from "./state/follow";
 import { signIn } from "./state/session";
+import { refreshNow } from "./state/updates";
+import { rich, t } from "./texts/translate";
 import { Failed, useAction } from "./ui/action";
 import { ManualLink, SECTIONS } from "./ui/manual";
 
-/** Asks for the token, once: then it is in a cookie. */
+const COMMAND = "pointchain token add";
+
+/** Ask for the token once; afterwards a cookie holds it. */
 export function Login() {
   const [token, setToken] = useState("");
   const action = useAction();
   return (
     <main id="main" class="login">
-      <h1>Sign in</h1>
-      <p>
-        This cell needs a token, once in this browser. Whoever looks after the cell makes one by{" "}
-        <code>pointchain token add</code>.
-      </p>
+      <h1>{t("login.title")}</h1>
+      <p>{rich("login.intro", { command: COMMAND, code: (content) => <code>{content}</code> })}</p>
       <form
         onSubmit={(event) => {
           event.preventDefault();
           void action.run(async () => {
             await signIn(token);
-            askNow();
+            refreshNow();
           });
         }}
       >
         <label>
-          Token
+          {t("login.token")}
           <input
             type="password"
             autocomplete="current-password"
@@ -35,13 +35,13 @@ export function Login() {
           />
         </label>
         <button class="main" disabled={action.busy}>
-          Sign in
+          {t("login.button")}
         </button>
       </form>
-      <Failed failure={action.failure && { ...action.failure, title: "Not signed in" }} />
+      <Failed failure={action.failure && { ...action.failure, title: t("login.failed") }} />
       <p>
-        <ManualLink page={SECTIONS["sign-in"]} name="Help with signing in">
-          Help with signing in
+        <ManualLink page={SECTIONS["sign-in"]} name={t("login.help")}>
+          {t("login.help")}
         </ManualLink>
       </p>
     </main>

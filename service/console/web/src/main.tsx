@@ -5,9 +5,10 @@ import "./view3d/view3d.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { atWork, cell } from "./state/cell";
-import { follow } from "./state/follow";
 import { caller } from "./state/session";
-import { forgetStop } from "./stop";
+import { startUpdates } from "./state/updates";
+import { clearStopMessage } from "./stop";
+import { chooseLanguage } from "./texts/translate";
 
 function show(part: preact.ComponentChild, id: string): void {
   const element = document.getElementById(id);
@@ -16,20 +17,21 @@ function show(part: preact.ComponentChild, id: string): void {
   render(part, element);
 }
 
+await chooseLanguage(navigator.languages);
 show(<Status />, "status");
 show(<App />, "app");
 addEventListener("keydown", screenKeys);
-// What the last stop did is no news any more when the arm is at work again, has been looked at, or somebody signs in.
-whenItBecomes(() => atWork.value, forgetStop);
-whenItBecomes(() => cell.value?.state !== "fault", forgetStop);
-whenItBecomes(() => caller.value !== null, forgetStop);
-follow();
+// The outcome of the last stop is outdated when the arm works again, a fault is acknowledged, or a person signs in.
+onceTrue(() => atWork.value, clearStopMessage);
+onceTrue(() => cell.value?.state !== "fault", clearStopMessage);
+onceTrue(() => caller.value !== null, clearStopMessage);
+startUpdates();
 
-/** Acts whenever it is so and was not so before. */
-function whenItBecomes(so: () => boolean, act: () => void): void {
+/** Call `act` each time the condition changes from false to true. */
+function onceTrue(condition: () => boolean, act: () => void): void {
   let before = true;
   effect(() => {
-    const now = so();
+    const now = condition();
     if (now && !before) act();
     before = now;
   });

@@ -4,40 +4,40 @@ import { signal } from "@preact/signals";
 export const SCREENS = ["scan", "result", "history", "calibration"] as const;
 export type Screen = (typeof SCREENS)[number];
 
-/** Where the page is, as `#/result/ID`. */
+/** The screen that is shown, in the address as `#/result/ID`. */
 export interface Route {
   screen: Screen;
-  /** Of the scan that the screen is about. */
+  /** ID of the scan that the screen shows. */
   id: string | null;
 }
 
-/** The route that an address names behind its #. */
+/** Parse the part of an address after its #. */
 function routeOf(hash: string): Route {
   const [name, id] = hash.replace(/^#\/?/, "").split("/");
   const screen = SCREENS.find((one) => one === name) ?? "scan";
   return { screen, id: id ? decodeURIComponent(id) : null };
 }
 
-/** The address of a screen. */
+/** Return the address of a screen. */
 export function addressOf(screen: Screen, id: string | null = null): string {
   return id === null ? `#/${screen}` : `#/${screen}/${encodeURIComponent(id)}`;
 }
 
-/** Where the page is now. */
+/** The current route. */
 export const route = signal(routeOf(location.hash));
 addEventListener("hashchange", () => {
   route.value = routeOf(location.hash);
   scrollTo(0, 0);
 });
 
-/** Goes to a screen. */
+/** Open a screen. */
 export function go(screen: Screen, id: string | null = null): void {
   location.hash = addressOf(screen, id);
 }
 
-/** Names the scan that a screen has found to be about, unless somebody has gone elsewhere meanwhile. */
-export function settle(screen: Screen, id: string): void {
-  // Not `route`: that hears of a change a moment later.
+/** Add the scan's ID to the address, unless another screen or scan was opened meanwhile. */
+export function replaceRoute(screen: Screen, id: string): void {
+  // `route` is updated a moment after the address.
   const at = routeOf(location.hash);
   if (at.screen === screen && at.id === null) location.replace(addressOf(screen, id));
 }

@@ -1,94 +1,96 @@
 /**
- * The Stop button. It is there before all else of the page, needs nothing of it, asks nothing, and is never disabled.
+ * The STOP button. It is loaded before the rest of the page and does not depend on it. It asks no question and is never
+ * disabled.
  */
 import type { Cell } from "./net/api";
-import { OURS } from "./net/ours";
-import { giveUpAll } from "./net/slots";
-import { clock } from "./words/units";
+import { CONSOLE_HEADERS } from "./net/headers";
+import { cancelAll } from "./net/slots";
+import { clock } from "./texts/format";
+import { t } from "./texts/translate";
 
-const LIMIT_MS = 4000;
-/** An answer takes less than this, or something is wrong. */
-const SOON_MS = 1500;
-/** A stop that does not get through is tried for so long ... */
-const PATIENCE_MS = 60_000;
-/** ... and again after so long. */
-const AGAIN_MS = 1000;
-/** Told to the page, which asks for the cell anew. */
+const TIMEOUT_MS = 4000;
+/** A stop without an answer after this time is reported as not confirmed. */
+const WARN_AFTER_MS = 1500;
+/** A stop that does not get through is repeated for this time ... */
+const REPEAT_FOR_MS = 60_000;
+/** ... with this pause between two requests. */
+const REPEAT_PAUSE_MS = 1000;
+/** Event for the page: it then requests the state of the cell again. */
 export const STOPPED = "pointchain:stopped";
 
-type Said = ["sent" | "good" | "bad", string];
-
-const NOT_YET: Said = ["bad", "STOP HAS NOT GOT THROUGH YET. Use the emergency stop of the robot. It is sent again and again."];
-const GIVEN_UP: Said = ["bad", "STOP DID NOT GET THROUGH, and is sent no more. Use the emergency stop, or press again."];
-const NOBODY: Said = ["bad", "NOT STOPPED: nobody is signed in here. Use the emergency stop."];
+type Message = [kind: "sent" | "good" | "bad", text: string];
 
 const button = document.querySelector<HTMLButtonElement>("#stop");
-const told = document.querySelector<HTMLElement>("#stop-told");
+const output = document.querySelector<HTMLElement>("#stop-message");
 let presses = 0;
 let sending = false;
 
-function say(...[kind, words]: Said): void {
-  if (told === null) return;
-  told.className = kind;
-  told.textContent = words;
+function bad(key: "stop.not_yet" | "stop.failed" | "stop.signed_out"): Message {
+  return ["bad", t(key)];
 }
 
-/** What was said of the last stop is over: the arm is at work again, or somebody else is here. */
-export function forgetStop(): void {
-  if (!sending) say("sent", "");
+function show(...[kind, text]: Message): void {
+  if (output === null) return;
+  output.className = kind;
+  output.textContent = text;
 }
 
-/** Sends a stop until it gets through, or is pressed again; more than one is harmless. */
+/** Clear the message about the last stop, unless a stop is being sent. */
+export function clearStopMessage(): void {
+  if (!sending) show("sent", "");
+}
+
+/** Send a stop until it gets through or the button is pressed again. Several stops are harmless. */
 async function stop(): Promise<void> {
   const press = ++presses;
   sending = true;
-  giveUpAll();
-  say("sent", "Stop is sent ...");
-  const until = performance.now() + PATIENCE_MS;
+  cancelAll();
+  show("sent", t("stop.sending"));
+  const until = performance.now() + REPEAT_FOR_MS;
   for (;;) {
-    const said = (await once(press)) ?? (performance.now() > until ? GIVEN_UP : null);
-    if (press !== presses) return; // the next press goes on
-    if (said !== null) {
+    const message = (await sendOnce(press)) ?? (performance.now() > until ? bad("stop.failed") : null);
+    if (press !== presses) return; // the next press continues
+    if (message !== null) {
       sending = false;
-      return say(...said);
+      return show(...message);
     }
-    await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    await new Promise((resolve) => setTimeout(resolve, REPEAT_PAUSE_MS));
   }
 }
 
-/** Sends it once: what is to be said of it; null: nobody knows whether it was taken. */
-async function once(press: number): Promise<Said | null> {
-  const late = setTimeout(() => press === presses && say(...NOT_YET), SOON_MS);
+/** Send the stop once. Return the message about its outcome; null means that the outcome is unknown. */
+async function sendOnce(press: number): Promise<Message | null> {
+  const late = setTimeout(() => press === presses && show(...bad("stop.not_yet")), WARN_AFTER_MS);
   try {
     const answer = await fetch("/api/cell/stop", {
       method: "POST",
-      headers: OURS,
+      headers: CONSOLE_HEADERS,
       priority: "high",
       keepalive: true,
-      signal: AbortSignal.timeout(LIMIT_MS),
+      signal: AbortSignal.timeout(TIMEOUT_MS),
     });
-    if (answer.status === 401 || answer.status === 403) return NOBODY;
+    if (answer.status === 401 || answer.status === 403) return bad("stop.signed_out");
     if (answer.ok) {
       const cell: Cell = await answer.json();
       dispatchEvent(new Event(STOPPED));
       return outcome(cell);
     }
   } catch {
-    // Not sent, or no answer: that is said below, and it is sent once more.
+    // Not sent, or no answer: reported below, and sent again.
   } finally {
     clearTimeout(late);
   }
-  if (press === presses) say(...NOT_YET);
+  if (press === presses) show(...bad("stop.not_yet"));
   return null;
 }
 
-/** What the answer tells of the arm; where the service does not know how it stands, that is said. */
-function outcome(cell: Cell): Said {
-  const at = clock(new Date());
-  const why = cell.problem?.replace("urn:pointchain:", "");
-  if (cell.robot.moving === false || why === "stopped") return ["good", `The arm was stopped, ${at}.`];
-  if (why === "not-connected" || why === "released") return ["sent", `Stop sent, ${at}. No arm is connected, so none was stopped.`];
-  return ["bad", `Stop sent, ${at}, but nobody knows how the arm stands. Look at it.`];
+/** Return the message about the arm, from the answer of the service. */
+function outcome(cell: Cell): Message {
+  const time = clock(new Date());
+  const reason = cell.problem?.replace("urn:pointchain:", "");
+  if (cell.robot.moving === false || reason === "stopped") return ["good", t("stop.stopped", { time })];
+  if (reason === "not-connected" || reason === "released") return ["sent", t("stop.no_arm", { time })];
+  return ["bad", t("stop.unknown", { time })];
 }
 
 button?.addEventListener("click", () => void stop());

@@ -1,4 +1,4 @@
-"""Calibrations over HTTP without an arm that moves: what is refused, what a restart leaves, what scans have told."""
+"""Calibration routes without a moving arm: refusals, the state after a restart, and the drift."""
 
 import json
 import sqlite3
@@ -20,7 +20,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.calibration_run import BoardObservation
 from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
-from service.jobs.new_rows import NOBODY, new_calibration, new_scan
+from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.database import new_id
@@ -50,41 +50,43 @@ REFUSED: dict[str, Any] = {
     | {"views_given": 12, "views_used": 0},
     "views": [],
 }  # fmt: skip
-"""As a solver without a solution leaves it."""
+"""Result of a solver that found no solution."""
 
 
-def told_sha256() -> str:
-    """Of what is told of the simulated cell, which has no calibration file."""
+def nominal_sha256() -> str:
+    """Return the hash of the nominal calibration, which the simulated cell has in place of a file."""
     return simulated_world(CellSettings(camera=CAMERA)).nominal_hand_eye.sha256
 
 
-def run_in(state: ScanState, **values: Any) -> CalibrationRow:
+def run_in_state(state: ScanState, **values: Any) -> CalibrationRow:
     return replace(new_calibration("calibration", Board(), 12), id=new_id(), state=state, **values)
 
 
 @pytest.fixture(scope="module")
-def left() -> dict[str, CalibrationRow]:
-    """What an earlier service left."""
-    return {state: run_in(state) for state in ACTIVE_STATES} | {"refused": run_in("succeeded", result=REFUSED)}
+def earlier_runs() -> dict[str, CalibrationRow]:
+    """Return the runs that an earlier service has left."""
+    return {state: run_in_state(state) for state in ACTIVE_STATES} | {
+        "refused": run_in_state("succeeded", result=REFUSED)
+    }
 
 
 @pytest.fixture(scope="module")
 def client(
-    serve: Serve, left: dict[str, CalibrationRow], tmp_path_factory: pytest.TempPathFactory
+    serve: Serve, earlier_runs: dict[str, CalibrationRow], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ServedClient]:
     root = tmp_path_factory.mktemp("data")
     with closing(DataFolder(root)) as folder, closing(Store(folder)) as store:
-        for row in left.values():
+        for row in earlier_runs.values():
             store.calibrations.add(row)
-        store.calibrations.set_view(left["scanning"].id, 0, "recorded")
-        store.calibrations.set_seen(left["scanning"].id, 0, BoardObservation(40, 48, 0.12, (3, 4, 11)))
-        store.calibrations.set_view(left["scanning"].id, 1, "moving")
+        store.calibrations.set_view(earlier_runs["scanning"].id, 0, "recorded")
+        store.calibrations.set_seen(earlier_runs["scanning"].id, 0, BoardObservation(40, 48, 0.12, (3, 4, 11)))
+        store.calibrations.set_view(earlier_runs["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):
             scan = new_scan("live", "graph", None, NOBODY)
             store.add_scan(replace(scan, state="succeeded"))
             error = ScanErrorRow(
-                scan.id, told_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()
+                scan.id, nominal_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()
             )
             store.calibrations.add_scan_error(error)
     with serve(root, camera=CAMERA) as client:
@@ -92,10 +94,10 @@ def client(
 
 
 @pytest.mark.parametrize("state", ACTIVE_STATES)
-def test_what_a_killed_service_left_is_interrupted(
-    client: httpx.Client, left: dict[str, CalibrationRow], state: str
+def test_runs_of_a_killed_service_are_interrupted(
+    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], state: str
 ) -> None:
-    run = client.get(f"{RUNS}/{left[state].id}").json()
+    run = client.get(f"{RUNS}/{earlier_runs[state].id}").json()
     assert (run["state"], run["problem"]["type"]) == ("interrupted", "urn:pointchain:interrupted")
     assert run["ended_at"] is not None
     assert (run["links"]["cancel"], run["links"]["activate"]) == (None, None)
@@ -107,28 +109,28 @@ def test_what_a_killed_service_left_is_interrupted(
         assert (second["state"], second["picture"]) == ("missing", None)
 
 
-def test_runs_are_listed_the_newest_first(client: httpx.Client, left: dict[str, CalibrationRow]) -> None:
+def test_runs_are_listed_the_newest_first(client: httpx.Client, earlier_runs: dict[str, CalibrationRow]) -> None:
     ids = [run["id"] for run in client.get(RUNS).json()["runs"]]
-    assert ids == sorted((row.id for row in left.values()), reverse=True)
+    assert ids == sorted((row.id for row in earlier_runs.values()), reverse=True)
     assert [run["id"] for run in client.get(f"{RUNS}?limit=2&before={ids[1]}").json()["runs"]] == ids[2:4]
 
 
-def test_a_result_that_is_refused_or_not_there_is_not_activated(
-    client: httpx.Client, left: dict[str, CalibrationRow], assert_problem: Problem
+def test_a_refused_or_missing_result_is_not_activated(
+    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
 ) -> None:
     before = client.get("/api/calibration").json()
-    refused = client.get(f"{RUNS}/{left['refused'].id}").json()
+    refused = client.get(f"{RUNS}/{earlier_runs['refused'].id}").json()
     assert (refused["result"]["verdict"], refused["links"]["activate"]) == ("refuse", None)
-    detail = assert_problem(client.post(f"{RUNS}/{left['refused'].id}/activate"), 409, "calibration-refused")
+    detail = assert_problem(client.post(f"{RUNS}/{earlier_runs['refused'].id}/activate"), 409, "calibration-refused")
     assert "all turns are about one axis" in detail
-    assert_problem(client.post(f"{RUNS}/{left['scanning'].id}/activate"), 409, "not-activatable")
+    assert_problem(client.post(f"{RUNS}/{earlier_runs['scanning'].id}/activate"), 409, "not-activatable")
     assert_problem(client.post(f"{RUNS}/none/activate"), 404, "calibration-not-found")
-    assert_problem(client.post(f"{RUNS}/{left['refused'].id}/cancel"), 409, "not-cancellable")
+    assert_problem(client.post(f"{RUNS}/{earlier_runs['refused'].id}/cancel"), 409, "not-cancellable")
     assert client.get("/api/calibration").json() == before
 
 
 @pytest.mark.parametrize(
-    ("wanted", "slug", "words"),
+    ("wanted", "slug", "message"),
     [
         ({"board": {"pitch_m": 25.0}}, "calibration-board", "millimetres"),
         ({"board": {"kind": "charuco", "rows": 6}}, "calibration-board", "odd number"),
@@ -137,26 +139,26 @@ def test_a_result_that_is_refused_or_not_there_is_not_activated(
         ({"poses": 3}, "invalid-request", "poses"),
     ],
 )
-def test_a_board_or_a_number_that_cannot_be_is_refused(
-    client: httpx.Client, assert_problem: Problem, wanted: dict[str, Any], slug: str, words: str
+def test_an_impossible_board_or_number_of_poses_is_refused(
+    client: httpx.Client, assert_problem: Problem, wanted: dict[str, Any], slug: str, message: str
 ) -> None:
-    assert words in assert_problem(client.post(RUNS, json=wanted), 422, slug)
+    assert message in assert_problem(client.post(RUNS, json=wanted), 422, slug)
 
 
-def test_what_was_never_seen_is_not_shown(
-    client: httpx.Client, left: dict[str, CalibrationRow], assert_problem: Problem
+def test_a_missing_view_or_run_is_not_found(
+    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
 ) -> None:
-    assert_problem(client.get(f"{RUNS}/{left['scanning'].id}/views/7.png"), 404, "no-result")
-    assert_problem(client.get(f"{RUNS}/{left['scanning'].id}/views/-1.png"), 422, "invalid-request")
+    assert_problem(client.get(f"{RUNS}/{earlier_runs['scanning'].id}/views/7.png"), 404, "no-result")
+    assert_problem(client.get(f"{RUNS}/{earlier_runs['scanning'].id}/views/-1.png"), 422, "invalid-request")
     assert_problem(client.get(f"{RUNS}/none"), 404, "calibration-not-found")
 
 
-def test_a_drift_is_warned_of_wherever_one_looks(client: httpx.Client) -> None:
+def test_a_drift_is_reported_by_calibration_and_cell(client: httpx.Client) -> None:
     status = client.get("/api/calibration").json()
-    assert status["calibration"]["sha256"] == told_sha256()
+    assert status["calibration"]["sha256"] == nominal_sha256()
     drift = status["calibration"]["drift"]
     assert (drift["scans"], drift["drifted"]) == (3, True)
-    # 3.97 of the 4 mm: what the scans do not tell of counts little here.
+    # 3.97 of the 4 mm, because the prior has little weight here
     assert drift["off_m"] == pytest.approx(0.004, rel=0.02)
     assert drift["off_from"] == "calibration"
     for warnings in (status["warnings"], client.get("/api/cell").json()["warnings"]):
@@ -167,11 +169,11 @@ def test_a_drift_is_warned_of_wherever_one_looks(client: httpx.Client) -> None:
     json.dumps(status, allow_nan=False)
 
 
-def test_there_is_no_board_to_verify_by(client: httpx.Client, assert_problem: Problem) -> None:
+def test_a_verification_needs_the_board_of_a_calibration(client: httpx.Client, assert_problem: Problem) -> None:
     assert "calibrat" in assert_problem(client.post("/api/calibration/verify"), 409, "calibration")
 
 
-def test_an_unusable_file_is_told_and_warns_of_nothing(serve: Serve, tmp_path: Path) -> None:
+def test_an_unusable_file_is_the_reason_and_no_warning(serve: Serve, tmp_path: Path) -> None:
     file = tmp_path / "hand_eye.json"
     file.write_text("{}")
     with serve(tmp_path / "data", hand_eye={"file": file}) as client:
@@ -181,19 +183,19 @@ def test_an_unusable_file_is_told_and_warns_of_nothing(serve: Serve, tmp_path: P
         assert (status["warnings"], client.get("/api/cell").json()["warnings"]) == ([], [])
 
 
-def test_a_stop_does_not_wait_for_what_a_scan_tells_of_the_calibration(client: ServedClient) -> None:
+def test_a_stop_does_not_wait_for_the_drift_estimate_of_a_scan(client: ServedClient) -> None:
     context = client.app.state.context
     scan = client.get("/api/scans").json()["scans"][0]["id"]
     error = HandEyeErrorEstimate(np.eye(6), np.zeros(6), np.zeros(6))
     with closing(sqlite3.connect(context.store.folder.database, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         with ThreadPoolExecutor(1) as pool:
-            kept = pool.submit(context.jobs.drift.add, scan, told_sha256(), error)
+            kept = pool.submit(context.jobs.drift.add, scan, nominal_sha256(), error)
             while not kept.running():
                 time.sleep(0.01)
             stopped = client.post("/api/cell/stop").json()
-            assert not kept.done(), "the database was free"
+            assert not kept.done(), "the database must be held"
             other.execute("ROLLBACK")
-            with pytest.raises(sqlite3.IntegrityError):  # this scan has told already
+            with pytest.raises(sqlite3.IntegrityError):  # the estimate of this scan exists already
                 kept.result()
     assert [warning["code"] for warning in stopped["warnings"]] == ["calibration-drift"]

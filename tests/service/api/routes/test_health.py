@@ -1,4 +1,4 @@
-"""`/healthz` and `/readyz` mean something: each thing that the service takes is named when it is not there."""
+"""`/healthz` and `/readyz` report the health of the service. Each failed check is named."""
 
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -18,33 +18,33 @@ Serve = Callable[..., AbstractContextManager[ServedClient]]
 
 @pytest.fixture
 def ready(client: ServedClient) -> ServedClient:
-    """The shared service, once it is ready."""
+    """Return the shared service when it is ready."""
     wait_until(lambda: client.get("/readyz").status_code == 200)
     return client
 
 
 def checks(answer: httpx.Response) -> dict[str, Any]:
-    """What is well, by name."""
+    """Return the result of each check, by name."""
     return {name: check["ok"] for name, check in answer.json()["checks"].items() if name != "cell"}
 
 
-WELL = {"store": True, "recognition": True, "disk": True, "service": True}
+ALL_OK = {"store": True, "recognition": True, "disk": True, "service": True}
 
 
 @contextmanager
-def held(database: Path) -> Iterator[None]:
-    """Somebody else has the database for himself."""
+def locked(database: Path) -> Iterator[None]:
+    """Hold the database exclusively from another connection."""
     with closing(sqlite3.connect(database)) as other:
         other.execute("BEGIN EXCLUSIVE")
         yield
         other.execute("ROLLBACK")
 
 
-def test_each_thing_is_told_by_its_name(ready: ServedClient) -> None:
+def test_all_checks_are_reported_by_name(ready: ServedClient) -> None:
     answer = ready.get("/readyz")
     assert answer.json()["status"] == "ready"
-    assert checks(answer) == WELL
-    # A cell that nobody has connected keeps nothing from being ready: it is told.
+    assert checks(answer) == ALL_OK
+    # a cell that is not connected is reported, and the service is ready
     assert answer.json()["checks"]["cell"] == ready.get("/api/cell").json()["state"]
     assert ready.get("/healthz").json() == {"status": "ok"}
 
@@ -57,17 +57,17 @@ def test_a_fault_of_the_cell_leaves_the_service_ready(ready: ServedClient, monke
     assert (answer.status_code, answer.json()["checks"]["cell"]) == (200, "fault")
 
 
-def test_a_store_that_somebody_holds_is_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
-    with held(ready.app.state.context.store.folder.database):
+def test_a_locked_store_is_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
+    with locked(ready.app.state.context.store.folder.database):
         answer = ready.get("/readyz")
-        assert "store: it takes no changes: database is locked" in assert_problem(answer, 503, "not-ready")
-        assert checks(answer) == WELL | {"store": False}
+        assert "store: it accepts no changes: database is locked" in assert_problem(answer, 503, "not-ready")
+        assert checks(answer) == ALL_OK | {"store": False}
         assert answer.headers["retry-after"] == "1"
         assert ready.get("/healthz").status_code == 200
     assert ready.get("/readyz").status_code == 200
 
 
-def test_tokens_that_cannot_be_read_are_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
+def test_unreadable_tokens_are_not_ready(ready: ServedClient, assert_problem: AssertProblem) -> None:
     tokens = ready.app.state.context.store.folder.root / "tokens.json"
     tokens.write_text("{")
     try:
@@ -76,14 +76,14 @@ def test_tokens_that_cannot_be_read_are_not_ready(ready: ServedClient, assert_pr
         detail = assert_problem(answer, 503, "not-ready")
         assert "service: tokens.json is damaged: Invalid JSON" in detail
         assert "clients may be refused, also when they stop the arm" in detail
-        assert str(tokens.parent) not in answer.text, "everyone may read it"
-        assert checks(answer) == WELL | {"service": False}
+        assert str(tokens.parent) not in answer.text, "everyone may read the answer, so it must not name the folder"
+        assert checks(answer) == ALL_OK | {"service": False}
     finally:
         tokens.unlink()
     assert ready.get("/readyz").status_code == 200
 
 
-def test_a_disk_without_room_or_a_service_that_stops_is_not_ready(
+def test_a_full_disk_and_a_stopping_service_are_not_ready(
     ready: ServedClient, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.api.readiness.shutil.disk_usage", lambda _: type("Usage", (), {"free": 10 << 20})())
@@ -92,4 +92,4 @@ def test_a_disk_without_room_or_a_service_that_stops_is_not_ready(
     detail = assert_problem(answer, 503, "not-ready")
     assert "disk: 10 MiB are free" in detail
     assert "the service is stopping" in detail
-    assert checks(answer) == WELL | {"disk": False, "service": False}
+    assert checks(answer) == ALL_OK | {"disk": False, "service": False}

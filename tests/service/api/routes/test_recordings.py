@@ -1,4 +1,4 @@
-"""Recordings over HTTP: what is taken, what is refused, and that a refusal leaves nothing behind."""
+"""Routes of recordings: accepted and refused uploads. A refused upload leaves no file."""
 
 import hashlib
 import socket
@@ -13,14 +13,14 @@ import pytest
 
 from cell.recording.writer import RecordingHeader, RecordingWriter
 from service.api.dependencies import Context
-from service.api.routes.recordings import UPLOADS
+from service.api.routes.recordings import MAX_UPLOADS
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
 AssertProblem = Callable[[httpx.Response, int, str], str]
 
 
-def test_an_uploaded_recording_comes_back_as_it_was(client: httpx.Client, recording_file: Path) -> None:
+def test_an_uploaded_recording_is_returned_unchanged(client: httpx.Client, recording_file: Path) -> None:
     content = recording_file.read_bytes()
     answer = client.post("/api/recordings", content=content)
     assert answer.status_code == 201
@@ -37,7 +37,7 @@ def test_an_uploaded_recording_comes_back_as_it_was(client: httpx.Client, record
 
 
 @pytest.mark.parametrize(
-    ("told", "kept"),
+    ("given", "stored"),
     [
         ("knot.mcap", "knot.mcap"),
         ("C:\\cell 2\\Seil % \u00e4.mcap", "Seil % \u00e4.mcap"),
@@ -47,13 +47,15 @@ def test_an_uploaded_recording_comes_back_as_it_was(client: httpx.Client, record
         ("", None),
     ],
 )
-def test_a_name_is_kept_to_be_shown(client: httpx.Client, recording_file: Path, told: str, kept: str | None) -> None:
-    answer = client.post("/api/recordings", params={"name": told}, content=recording_file.read_bytes())
-    assert (answer.status_code, answer.json()["name"]) == (201, kept)
-    assert client.get(answer.headers["location"]).json()["name"] == kept
+def test_a_name_is_stored_without_folders_and_control_characters(
+    client: httpx.Client, recording_file: Path, given: str, stored: str | None
+) -> None:
+    answer = client.post("/api/recordings", params={"name": given}, content=recording_file.read_bytes())
+    assert (answer.status_code, answer.json()["name"]) == (201, stored)
+    assert client.get(answer.headers["location"]).json()["name"] == stored
 
 
-def test_a_refusal_names_the_file_as_its_sender_does(client: httpx.Client, assert_problem: AssertProblem) -> None:
+def test_a_refusal_has_the_name_that_the_sender_gave(client: httpx.Client, assert_problem: AssertProblem) -> None:
     def refused(**params: str) -> str:
         return assert_problem(client.post("/api/recordings", params=params, content=b"no"), 422, "not-mcap")
 
@@ -62,7 +64,7 @@ def test_a_refusal_names_the_file_as_its_sender_does(client: httpx.Client, asser
     assert_problem(client.post("/api/recordings", params={"name": "x" * 256}, content=b"no"), 422, "invalid-request")
 
 
-def test_a_download_is_whole_whatever_range_is_asked_for(client: httpx.Client, recording: str) -> None:
+def test_a_download_ignores_ranges(client: httpx.Client, recording: str) -> None:
     address = f"/api/recordings/{recording}/file"
     whole = client.get(address).content
     for wanted in ("bytes=0-9", "bytes=999999999-", "nonsense"):
@@ -70,7 +72,7 @@ def test_a_download_is_whole_whatever_range_is_asked_for(client: httpx.Client, r
         assert (answer.status_code, answer.content == whole) == (200, True)
 
 
-def test_a_cut_off_recording_keeps_its_whole_views(client: httpx.Client, recording_file: Path) -> None:
+def test_a_truncated_recording_keeps_its_complete_views(client: httpx.Client, recording_file: Path) -> None:
     content = recording_file.read_bytes()
     answer = client.post("/api/recordings", content=content[: len(content) * 3 // 4])
     assert answer.status_code == 201
@@ -78,7 +80,7 @@ def test_a_cut_off_recording_keeps_its_whole_views(client: httpx.Client, recordi
     assert answer.json()["missing"]
 
 
-def test_the_list_goes_on_before_an_id(client: httpx.Client, recording: str) -> None:
+def test_a_page_begins_before_an_id(client: httpx.Client, recording: str) -> None:
     newest = client.get("/api/recordings", params={"limit": 1}).json()["recordings"]
     assert [found["id"] for found in newest] == [recording]
     older = client.get("/api/recordings", params={"before": recording}).json()["recordings"]
@@ -86,8 +88,8 @@ def test_the_list_goes_on_before_an_id(client: httpx.Client, recording: str) -> 
 
 
 @pytest.fixture
-def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
-    """A service of its own, whose data folder must hold no recording in the end."""
+def clean_service(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
+    """Start a service whose data folder must hold no recording at the end."""
     with serve(tmp_path, limits={"upload_bytes": 50_000}) as client:
         yield client
         assert client.get("/api/recordings").json() == {"recordings": [], "next": None}
@@ -95,15 +97,15 @@ def nothing_left(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
     assert set(files) <= {"lock", "pointchain.sqlite3"}
 
 
-def test_what_cannot_be_used_is_refused_and_leaves_nothing(
-    nothing_left: httpx.Client,
+def test_an_unusable_upload_is_refused_and_leaves_no_file(
+    clean_service: httpx.Client,
     recording_file: Path,
     tmp_path_factory: pytest.TempPathFactory,
     assert_problem: AssertProblem,
 ) -> None:
     content = recording_file.read_bytes()
     assert len(content) > 50_000
-    client = nothing_left
+    client = clean_service
 
     def post(body: bytes | Iterator[bytes]) -> httpx.Response:
         return client.post("/api/recordings", content=body)
@@ -112,7 +114,7 @@ def test_what_cannot_be_used_is_refused_and_leaves_nothing(
     assert_problem(post(b"GIF89a" * 100), 422, "not-mcap")
     assert_problem(post(content[:2000]), 422, "recording-empty")
     assert_problem(post(content[:20]), 422, "recording-header")
-    # Too large by what is declared, and by what comes when nothing is.
+    # too large by the declared length, and by the received length if none is declared
     assert "50000 bytes" in assert_problem(post(content), 413, "too-large")
     pieces = iter([content[at : at + 9000] for at in range(0, len(content), 9000)])
     assert_problem(post(pieces), 413, "too-large")
@@ -123,58 +125,56 @@ def test_what_cannot_be_used_is_refused_and_leaves_nothing(
     assert_problem(post(path.read_bytes()), 422, "recording-empty")
 
 
-def test_a_sender_that_goes_away_leaves_nothing(nothing_left: httpx.Client, recording_file: Path) -> None:
-    address = nothing_left.base_url
+def test_an_aborted_upload_leaves_no_file(clean_service: httpx.Client, recording_file: Path) -> None:
+    address = clean_service.base_url
     with socket.create_connection((address.host, address.port or 80)) as connection:
         head = "POST /api/recordings HTTP/1.1\r\nHost: localhost\r\nContent-Length: 40000\r\n\r\n"
         connection.sendall(head.encode() + recording_file.read_bytes()[:20_000])
-    # The service goes on.
-    assert nothing_left.get("/healthz").status_code == 200
+    # the service still works
+    assert clean_service.get("/healthz").status_code == 200
 
 
-def test_space_is_looked_for_while_an_upload_comes(
-    nothing_left: ServedClient, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
+def test_free_space_is_checked_during_an_upload(
+    clean_service: ServedClient, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
 ) -> None:
-    context: Context = nothing_left.app.state.context
+    context: Context = clean_service.app.state.context
     usage = SimpleNamespace(free=2 * context.config.limits.min_free_bytes)
 
     def body() -> Iterator[bytes]:
-        for number in range(40):  # of no declared length
-            if number == 20:  # something else takes what is left
+        for number in range(40):  # without a declared length
+            if number == 20:  # another program takes the remaining space
                 wait_until(lambda: any(context.store.folder.incoming("x").parent.iterdir()))
                 usage.free = context.config.limits.min_free_bytes
             yield b"a" * 1000
 
     monkeypatch.setattr("service.storage.disk_space.shutil.disk_usage", lambda _: usage)
-    monkeypatch.setattr("service.api.routes.recordings.LOOK_BYTES", 3000)
-    assert_problem(nothing_left.post("/api/recordings", content=body()), 507, "storage-full")
+    monkeypatch.setattr("service.api.routes.recordings.SPACE_CHECK_BYTES", 3000)
+    assert_problem(clean_service.post("/api/recordings", content=body()), 507, "storage-full")
 
 
-def test_few_uploads_are_taken_at_a_time(
-    nothing_left: ServedClient, recording_file: Path, assert_problem: AssertProblem
+def test_concurrent_uploads_are_limited(
+    clean_service: ServedClient, recording_file: Path, assert_problem: AssertProblem
 ) -> None:
-    address, slots = nothing_left.base_url, nothing_left.app.state.context.uploads
+    address, slots = clean_service.base_url, clean_service.app.state.context.uploads
     head = "POST /api/recordings HTTP/1.1\r\nHost: localhost\r\nContent-Length: 40000\r\n\r\n"
-    with ExitStack() as open_ones:
-        for _ in range(UPLOADS):
-            one = open_ones.enter_context(socket.create_connection((address.host, address.port or 80)))
+    with ExitStack() as connections:
+        for _ in range(MAX_UPLOADS):
+            one = connections.enter_context(socket.create_connection((address.host, address.port or 80)))
             one.sendall(head.encode() + recording_file.read_bytes()[:20_000])
         wait_until(lambda: slots.available_tokens == 0)
-        # Before anything of its body is there.
-        one_more = open_ones.enter_context(socket.create_connection((address.host, address.port or 80), PATIENCE_S))
-        one_more.sendall(head.encode())
-        assert one_more.recv(64).startswith(b"HTTP/1.1 503 ")
-        answer = nothing_left.post("/api/recordings", content=b"a" * 1000)
+        # refused before its body has come
+        another = connections.enter_context(socket.create_connection((address.host, address.port or 80), PATIENCE_S))
+        another.sendall(head.encode())
+        assert another.recv(64).startswith(b"HTTP/1.1 503 ")
+        answer = clean_service.post("/api/recordings", content=b"a" * 1000)
         assert "try again" in assert_problem(answer, 503, "busy")
         assert int(answer.headers["retry-after"]) > 0
-    wait_until(lambda: slots.available_tokens == UPLOADS)
-    assert_problem(nothing_left.post("/api/recordings", content=b"a" * 1000), 422, "not-mcap")
+    wait_until(lambda: slots.available_tokens == MAX_UPLOADS)
+    assert_problem(clean_service.post("/api/recordings", content=b"a" * 1000), 422, "not-mcap")
 
 
 @pytest.mark.parametrize("path", ["/api/recordings/none", "/api/recordings/none/file"])
-def test_an_unknown_recording_is_said_to_be_unknown(
-    client: httpx.Client, path: str, assert_problem: AssertProblem
-) -> None:
+def test_an_unknown_recording_is_not_found(client: httpx.Client, path: str, assert_problem: AssertProblem) -> None:
     assert_problem(client.get(path), 404, "recording-not-found")
 
 

@@ -1,4 +1,4 @@
-"""Scans that are done again from what was recorded, whatever became of the first."""
+"""Reprocessing the recording of a scan that ended in any state."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ import pytest
 
 from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScan
-from service.jobs.new_rows import Asked, new_scan
+from service.jobs.submission import Requester, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
 from service.storage.store import Store
@@ -23,7 +23,7 @@ AssertProblem = Callable[[httpx.Response, int, str], str]
 Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 
-def test_a_recording_that_is_not_whole_any_more_is_not_done_again(
+def test_a_damaged_recording_is_not_reprocessed(
     client: ServedClient, recording: str, finished: Finished, assert_problem: AssertProblem
 ) -> None:
     body = {"mode": "replay", "recording": recording}
@@ -38,7 +38,7 @@ def test_a_recording_that_is_not_whole_any_more_is_not_done_again(
         file.write_bytes(whole)
 
 
-def test_what_is_left_out_is_as_before(
+def test_omitted_members_are_as_in_the_first_scan(
     client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     body = {"mode": "replay", "recording": recording, "string_radius_m": 0.005, "method": "matching"}
@@ -50,19 +50,19 @@ def test_what_is_left_out_is_as_before(
     source = finished(client, first)
     address = source["links"]["reprocess"]
 
-    same = client.post(address, headers={"Idempotency-Key": "once more"})
+    same = client.post(address, headers={"Idempotency-Key": "again"})
     assert same.status_code == 202, same.text
     again = finished(client, same.headers["Location"])
     assert (again["mode"], again["source"], again["recording"]) == ("replay", source["id"], recording)
     assert (again["method"], again["string_radius_m"]) == ("matching", 0.005)
     assert again["links"]["source"] == first
     assert again["summary"] == source["summary"]
-    repeated = client.post(address, json={}, headers={"Idempotency-Key": "once more"})
+    repeated = client.post(address, json={}, headers={"Idempotency-Key": "again"})
     assert (repeated.json()["id"], repeated.headers["Idempotency-Replayed"]) == (again["id"], "true")
-    elsewhere = client.post("/api/scans", json=body, headers={"Idempotency-Key": "once more"})
+    elsewhere = client.post("/api/scans", json=body, headers={"Idempotency-Key": "again"})
     assert_problem(elsewhere, 422, "idempotency-mismatch")
 
-    # The recording tells 4.2 mm; null has it measured nevertheless.
+    # the recording has 4.2 mm; null means that the radius is measured
     measured = client.post(address, json={"string_radius_m": None, "method": "graph"})
     done = finished(client, measured.headers["Location"])
     assert (done["state"], done["string_radius_m"], done["method"]) == ("succeeded", None, "graph")
@@ -83,7 +83,7 @@ def test_what_is_left_out_is_as_before(
         ({"recording": "r"}, "invalid-request"),
     ],
 )
-def test_a_wrong_wish_is_refused(
+def test_an_invalid_request_is_refused(
     *,
     client: httpx.Client,
     recording: str,
@@ -100,12 +100,12 @@ def test_a_wrong_wish_is_refused(
 
 
 @pytest.fixture
-def killed(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterator[tuple[ServedClient, list[str]]]:
-    """A service whose predecessor was killed in the middle of a live scan, and before the first view of another."""
+def killed_service(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterator[tuple[ServedClient, list[str]]]:
+    """Start a service after a kill during a live scan, and before the first view of another."""
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        asked = Asked(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScan(mode="live"))))
-        scans = [replace(new_scan("live", "graph", 0.0042, asked), state="scanning") for _ in range(2)]
-        store.add_scan(scans[0], asked.key_row(scans[0]))
+        requester = Requester(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScan(mode="live"))))
+        scans = [replace(new_scan("live", "graph", 0.0042, requester), state="scanning") for _ in range(2)]
+        store.add_scan(scans[0], requester.key_row(scans[0]))
         store.add_scan(scans[1])
         for index, state in enumerate(("recorded", "recorded", "moving")):
             store.set_view(scans[0].id, index, state)  # type: ignore[arg-type] (one of a list)
@@ -116,20 +116,20 @@ def killed(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterator[tuple
         yield client, [f"/api/scans/{scan.id}" for scan in scans]
 
 
-def test_an_interrupted_scan_is_done_again_from_its_views(
-    killed: tuple[ServedClient, list[str]], finished: Finished, assert_problem: AssertProblem
+def test_an_interrupted_scan_is_reprocessed_from_its_views(
+    killed_service: tuple[ServedClient, list[str]], finished: Finished, assert_problem: AssertProblem
 ) -> None:
-    client, (cut, bare) = killed
+    client, (cut, bare) = killed_service
     scan = client.get(cut).json()
     assert scan["state"] == "interrupted"
-    assert "can be worked out again" in scan["problem"]["detail"]
-    told = client.get(f"/api/recordings/{scan['recording']}").json()["missing"]
-    assert "view 3 is missing: out of the arm's reach" in told
+    assert "can be reprocessed" in scan["problem"]["detail"]
+    missing = client.get(f"/api/recordings/{scan['recording']}").json()["missing"]
+    assert "view 3 is missing: out of the arm's reach" in missing
     again = finished(client, client.post(scan["links"]["reprocess"]).headers["Location"])
     assert again["state"] == "partial"
-    assert set(told) <= set(again["summary"]["warnings"])
-    assert client.get(cut).json() == scan  # as it was
-    # Nor does the client that never got its answer start another one.
+    assert set(missing) <= set(again["summary"]["warnings"])
+    assert client.get(cut).json() == scan  # unchanged
+    # a client that never got its answer does not start another scan
     lost = client.post("/api/scans", json={"mode": "live"}, headers={"Idempotency-Key": "of yesterday"})
     assert (lost.status_code, lost.headers["Idempotency-Replayed"], lost.json()) == (202, "true", scan)
 

@@ -1,4 +1,4 @@
-"""Results over HTTP: their ETags, their hashes, and that a damaged one is not taken for a model."""
+"""Routes of results: ETags and hashes. A damaged file is never sent as a model."""
 
 import hashlib
 import time
@@ -9,7 +9,7 @@ import httpx
 import pytest
 
 from service.api.etags import matches
-from service.api.response_cache import FRESH_S
+from service.api.response_cache import MAX_AGE_S
 from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
@@ -19,22 +19,22 @@ Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 
 @pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "thumbnail", "recording"])
-def test_who_has_it_already_is_told_so(client: ServedClient, scan: dict[str, Any], name: str) -> None:
+def test_a_client_with_the_current_version_gets_304(client: ServedClient, scan: dict[str, Any], name: str) -> None:
     address = scan["links"][name]
     first = client.get(address)
     etag = first.headers["ETag"]
-    assert etag[0] == etag[-1] == '"'  # a strong one
-    for has in (etag, f"W/{etag}", f'"other", {etag}', "*"):
-        again = client.get(address, headers={"If-None-Match": has})
-        assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", etag), has
+    assert etag[0] == etag[-1] == '"'  # a strong tag
+    for header in (etag, f"W/{etag}", f'"other", {etag}', "*"):
+        again = client.get(address, headers={"If-None-Match": header})
+        assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", etag), header
     several = client.get(address, headers=[("If-None-Match", '"a"'), ("If-None-Match", etag)])
     assert several.status_code == 304
-    for has in ('"other"', etag.strip('"'), "nonsense", ""):
-        again = client.get(address, headers={"If-None-Match": has})
-        assert (again.status_code, again.content) == (200, first.content), has
+    for header in ('"other"', etag.strip('"'), "nonsense", ""):
+        again = client.get(address, headers={"If-None-Match": header})
+        assert (again.status_code, again.content) == (200, first.content), header
 
 
-def test_the_tag_of_a_file_is_its_hash(client: ServedClient, scan: dict[str, Any]) -> None:
+def test_the_etag_of_a_file_is_its_hash(client: ServedClient, scan: dict[str, Any]) -> None:
     tags = set()
     for name in ("model", "cloud", "recording"):
         answer = client.get(scan["links"][name])
@@ -44,7 +44,7 @@ def test_the_tag_of_a_file_is_its_hash(client: ServedClient, scan: dict[str, Any
     assert len(tags) == 5
 
 
-def test_the_row_tells_what_it_was_made_from_and_what_it_gave(client: ServedClient, scan: dict[str, Any]) -> None:
+def test_the_row_has_the_inputs_and_the_result_files(client: ServedClient, scan: dict[str, Any]) -> None:
     store: Store = client.app.state.context.store
     row = store.scan(scan["id"])
     assert row is not None
@@ -61,7 +61,7 @@ def test_the_row_tells_what_it_was_made_from_and_what_it_gave(client: ServedClie
 
 
 @pytest.mark.parametrize(("name", "link"), [(MODEL, "model"), (MODEL, "grasps"), (CLOUD, "cloud")])
-def test_a_damaged_file_is_no_result(
+def test_a_damaged_file_is_reported(
     client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, name: str, link: str
 ) -> None:
     path = client.app.state.context.store.folder.results(scan["id"]) / name
@@ -69,21 +69,21 @@ def test_a_damaged_file_is_no_result(
     try:
         for harm in (lambda: path.write_bytes(whole[:-1]), path.unlink):
             harm()
-            time.sleep(FRESH_S)  # so long an answer from before is given again: that of the whole file
+            time.sleep(MAX_AGE_S)  # until the cached answer expires
             detail = assert_problem(client.get(scan["links"][link]), 500, "damaged")
             assert "pointchain doctor" in detail
             assert_problem(client.get(scan["links"][link], headers={"If-None-Match": "*"}), 500, "damaged")
     finally:
         path.write_bytes(whole)
-    assert client.get(scan["links"][link]).status_code == 200  # what went wrong is given to nobody else
+    assert client.get(scan["links"][link]).status_code == 200  # errors are not cached
 
 
-def test_of_a_file_nothing_but_the_whole_is_given(client: ServedClient, scan: dict[str, Any]) -> None:
+def test_files_are_sent_whole_only(client: ServedClient, scan: dict[str, Any]) -> None:
     assert client.head(scan["links"]["model"]).status_code == 405
     assert client.get(scan["links"]["model"], headers={"Range": "bytes=0-9"}).status_code == 200
 
 
-def test_tags_are_told_apart() -> None:
+def test_etags_are_compared_exactly() -> None:
     assert matches('"a,b", "c"', '"a,b"')
     assert matches(" * ", '"x"')
     assert not matches('"a,b"', '"a"')

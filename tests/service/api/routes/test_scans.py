@@ -1,4 +1,4 @@
-"""Scans over HTTP, from the request to the result, and what happens on the way there."""
+"""Scans over HTTP, from the request to the result, with refusals, cancels and crashes."""
 
 import json
 import math
@@ -27,9 +27,9 @@ Finished = Callable[[httpx.Client, str], dict[str, Any]]
 Serve = Callable[..., AbstractContextManager[httpx.Client]]
 
 
-def start(client: httpx.Client, recording: str, **wish: Any) -> str:
-    """Starts a scan that must be accepted; its address."""
-    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording, **wish})
+def start(client: httpx.Client, recording: str, **members: Any) -> str:
+    """Start a scan, which must be accepted, and return its address."""
+    answer = client.post("/api/scans", json={"mode": "replay", "recording": recording, **members})
     assert answer.status_code == 202, answer.text
     return answer.headers["location"]
 
@@ -63,7 +63,7 @@ def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finis
     assert client.get("/api/scans").json()["scans"][0] == scan
 
 
-def test_the_radius_asked_for_is_used(client: httpx.Client, recording: str, finished: Finished) -> None:
+def test_the_requested_radius_is_used(client: httpx.Client, recording: str, finished: Finished) -> None:
     scan = finished(client, start(client, recording, string_radius_m=0.005))
     assert scan["string_radius_m"] == 0.005
     assert client.get(scan["links"]["model"]).json()["parameters"]["r_m"] == 0.005
@@ -77,10 +77,10 @@ def test_grasps_are_for_the_configured_gripper(
         scan = finished(client, start(client, upload(client, recording_file)))
         assert scan["state"] == "succeeded", scan["problem"]
         grasps = client.get(scan["links"]["grasps"]).json()["grasps"]
-        # 2 r and the margin at least, and never wider than it opens; the default's margin alone makes 12.4 mm.
+        # at least 2 r and the margin, at most the stroke; the default margin alone would need 12.4 mm
         assert all(0.0094 < grasp["opening_m"] <= 0.011 for grasp in grasps)
-        told = any("cannot be grasped" in warning for warning in scan["summary"]["warnings"])
-        assert told == (not grasps)
+        reported = any("cannot be grasped" in warning for warning in scan["summary"]["warnings"])
+        assert reported == (not grasps)
 
 
 def test_missing_views_make_a_partial_result(
@@ -94,8 +94,8 @@ def test_missing_views_make_a_partial_result(
     assert any("the file ends" in warning for warning in scan["summary"]["warnings"])
 
 
-def rewritten(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
-    """The recording with each view changed."""
+def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
+    """Write a copy of the recording with each view changed."""
     recording = read_recording(source)
     header = replace(recording.header, string_radius_m=radius_m)
     with RecordingWriter(target, header) as writer:
@@ -104,14 +104,14 @@ def rewritten(source: Path, target: Path, radius_m: float | None, change: Callab
     return target
 
 
-def test_no_string_in_view_is_a_result_with_a_reason(client: httpx.Client, finished: Finished, tmp_path: Path) -> None:
+def test_a_scan_without_a_string_has_a_warning(client: httpx.Client, finished: Finished, tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
     T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
     path = tmp_path / "bare-table.mcap"
     with RecordingWriter(path, header) as writer:
         for index in range(3):
-            # Straight down on the table, 0.3 m away, with 0.1 mm of noise: no image is constant.
+            # straight down on the table from 0.3 m, with 0.1 mm of noise so that no image is constant
             depth = np.random.default_rng(index).integers(2999, 3002, (40, 64), dtype=np.uint16)
             writer.write_view(View(index, depth, 1e-4, K, T_base_flange, np.eye(4)))
     scan = finished(client, start(client, upload(client, path)))
@@ -123,10 +123,10 @@ def test_no_string_in_view_is_a_result_with_a_reason(client: httpx.Client, finis
     assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")
 
 
-def test_views_without_depth_fail_with_what_to_check(
+def test_views_without_depth_fail_the_scan(
     client: httpx.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
 ) -> None:
-    blind = rewritten(
+    blind = rewrite(
         recording_file,
         tmp_path / "blind.mcap",
         0.0042,
@@ -141,13 +141,13 @@ def test_views_without_depth_fail_with_what_to_check(
     assert client.get(scan["links"]["self"] + "/model").status_code == 404
 
 
-def test_a_radius_that_nobody_knows_is_measured(
+def test_an_unknown_radius_is_measured(
     client: httpx.Client,
     recording_file: Path,
     finished: Finished,
     tmp_path: Path,
 ) -> None:
-    unknown = upload(client, rewritten(recording_file, tmp_path / "r.mcap", None, lambda view: view))
+    unknown = upload(client, rewrite(recording_file, tmp_path / "r.mcap", None, lambda view: view))
     scan = finished(client, start(client, unknown))
     assert scan["string_radius_m"] is None
     (chain,) = client.get(scan["links"]["model"]).json()["chains"]
@@ -155,7 +155,7 @@ def test_a_radius_that_nobody_knows_is_measured(
 
 
 @pytest.mark.parametrize(
-    ("wish", "status", "slug", "said"),
+    ("members", "status", "slug", "message"),
     [
         ({"string_radius_m": 0}, 422, "invalid-parameters", "positive"),
         ({"string_radius_m": -0.004}, 422, "invalid-parameters", "positive"),
@@ -172,21 +172,21 @@ def test_a_radius_that_nobody_knows_is_measured(
         ({"mode": "live", "recording": None}, 422, "invalid-request", "recording"),
     ],
 )
-def test_a_wrong_request_is_refused_before_anything_starts(
+def test_an_invalid_request_starts_no_scan(
     *,
     client: httpx.Client,
     recording: str,
     assert_problem: AssertProblem,
-    wish: dict[str, Any],
+    members: dict[str, Any],
     status: int,
     slug: str,
-    said: str,
+    message: str,
 ) -> None:
     before = client.get("/api/scans").json()
-    # By hand: httpx refuses to send NaN, others do not.
-    body = json.dumps({"mode": "replay", "recording": recording} | wish)
+    # encoded here, because httpx refuses to send NaN
+    body = json.dumps({"mode": "replay", "recording": recording} | members)
     answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
-    assert said in assert_problem(answer, status, slug)
+    assert message in assert_problem(answer, status, slug)
     assert client.get("/api/scans").json() == before
 
 
@@ -200,7 +200,7 @@ def test_a_wrong_request_is_refused_before_anything_starts(
         (b'{"mode": "replay", "recording": "' + b"x" * 5000, 413, "too-large"),
     ],
 )
-def test_a_body_that_is_no_request_is_refused(
+def test_an_invalid_body_is_refused(
     client: httpx.Client, assert_problem: AssertProblem, body: bytes, status: int, slug: str
 ) -> None:
     answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
@@ -225,25 +225,25 @@ def test_every_refusal_is_a_problem(
     assert_problem(client.request(method, path), status, slug)
 
 
-def test_one_scan_at_a_time(
+def test_only_one_scan_runs_at_a_time(
     client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     address = start(client, recording)
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     assert_problem(answer, 409, "cell-busy")
     assert answer.headers["location"] == address
-    # Recognition is frozen; everything else answers.
+    # recognition is frozen, and everything else answers
     assert client.get(address).json()["state"] in ("queued", "processing")
     assert client.get("/healthz").status_code == client.get("/readyz").status_code == 200
     assert_problem(client.get(f"{address}/model"), 409, "result-not-ready")
     assert_problem(client.get(f"{address}/grasps"), 409, "result-not-ready")
     os.kill(held, signal.SIGCONT)
     assert finished(client, address)["state"] == "succeeded"
-    # Whoever has read that it is over finds the place free.
+    # the cell lock is free when the final state can be read
     assert finished(client, start(client, recording))["state"] == "succeeded"
 
 
-def test_a_scan_can_be_cancelled_and_the_next_one_works(
+def test_a_scan_can_be_cancelled_and_the_next_one_succeeds(
     client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     address = start(client, recording)
@@ -257,20 +257,20 @@ def test_a_scan_can_be_cancelled_and_the_next_one_works(
     assert again.json() == cancelled.json()
 
     following = start(client, recording)
-    # The process was killed, so this one waits for a new one; cancelling it must not need that.
+    # this scan waits for a new recognition process; its cancel must not wait for it
     assert client.post(f"{following}/cancel").json()["state"] == "aborted"
     done = finished(client, start(client, recording))
     assert done["state"] == "succeeded"
     assert_problem(client.post(done["links"]["self"] + "/cancel"), 409, "not-cancellable")
 
 
-def test_a_crash_of_recognition_fails_the_scan_and_nothing_else(
+def test_a_crash_of_recognition_fails_only_its_scan(
     client: httpx.Client, recording: str, finished: Finished, held: int
 ) -> None:
     address = start(client, recording)
     while client.get(address).json()["state"] != "processing":
         time.sleep(0.01)
-    # The frozen process shows nothing of it, but gets the task right after the state is written.
+    # the frozen process gets the task shortly after the state is written
     time.sleep(0.3)
     os.kill(held, signal.SIGKILL)
     scan = finished(client, address)
@@ -280,8 +280,6 @@ def test_a_crash_of_recognition_fails_the_scan_and_nothing_else(
     assert finished(client, start(client, recording))["state"] == "succeeded"
 
 
-def test_a_crash_between_scans_is_mended_without_waiting_for_one(
-    client: ServedClient, recognition_process: int
-) -> None:
+def test_a_crash_between_scans_is_repaired_before_the_next_scan(client: ServedClient, recognition_process: int) -> None:
     os.kill(recognition_process, signal.SIGKILL)
     wait_until(lambda: client.get("/readyz").status_code == 200 and client.recognition_pid != recognition_process)

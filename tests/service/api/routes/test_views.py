@@ -1,4 +1,4 @@
-"""What the camera saw of a scan: from where, and as pictures; while it is under way, too."""
+"""Routes of the views of a scan, with their poses and images, also during the scan."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,10 +10,10 @@ import httpx
 import pytest
 
 from cell.recording.writer import RecordingWriter, read_recording
-from service.api.image_cache import REMEMBERED
-from service.api.response_cache import FRESH_S
+from service.api.image_cache import MAX_IMAGES
+from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
-from service.jobs.new_rows import NOBODY, new_scan
+from service.jobs.submission import NOBODY, new_scan
 from service.storage.database import new_id
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
@@ -24,7 +24,7 @@ Finished = Callable[[httpx.Client, str], dict[str, Any]]
 
 @pytest.fixture
 def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
-    """The id of a live scan that is under way as far as the store knows, and where its recording is to be."""
+    """Yield the id of a live scan that the store has as running, and the path of its recording."""
     store: Store = client.app.state.context.store
     row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
     store.add_scan(row)
@@ -37,10 +37,10 @@ def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
 def test_the_views_of_a_replay_are_those_of_its_recording(
     client: ServedClient, scan: dict[str, Any], recording_file: Path
 ) -> None:
-    told = client.get(scan["links"]["views"]).json()["views"]
+    listed = client.get(scan["links"]["views"]).json()["views"]
     views = read_recording(recording_file).views
-    assert [view["index"] for view in told] == [view.index for view in views] == [0, 1, 2, 3]
-    for each, view in zip(told, views, strict=True):
+    assert [view["index"] for view in listed] == [view.index for view in views] == [0, 1, 2, 3]
+    for each, view in zip(listed, views, strict=True):
         assert each["T_base_camera"] == view.T_base_camera.tolist()
         assert each["K"] == view.K.tolist()
         assert (each["width"], each["height"]) == (320, 200)
@@ -50,7 +50,7 @@ def test_the_views_of_a_replay_are_those_of_its_recording(
         assert len(picture.content) < 100_000
 
 
-def test_who_has_a_picture_is_told_so_and_it_is_drawn_once(
+def test_an_image_is_drawn_once_and_a_client_that_has_it_gets_304(
     client: ServedClient, scan: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     address = f"{scan['links']['views']}/0.png"
@@ -63,15 +63,18 @@ def test_who_has_a_picture_is_told_so_and_it_is_drawn_once(
     assert drawn == []
 
 
-def test_the_memory_of_pictures_is_bounded(client: ServedClient, scan: dict[str, Any]) -> None:
-    for number in range(REMEMBERED + 3):
-        client.app.state.context.pictures._made[number] = next(iter(client.app.state.context.pictures._made.values()))
+def test_the_image_cache_is_bounded(client: ServedClient, scan: dict[str, Any]) -> None:
+    images = client.app.state.context.image_cache._images
+    for number in range(MAX_IMAGES + 3):
+        images[number] = next(iter(images.values()))
     assert client.get(f"{scan['links']['views']}/1.png").status_code == 200
-    client.app.state.context.pictures._made.clear()
+    images.clear()
     assert client.get(f"{scan['links']['views']}/1.png").status_code == 200
 
 
-def test_there_is_no_other_view(client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem) -> None:
+def test_an_unknown_view_is_not_found(
+    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem
+) -> None:
     for index in (4, 999):
         detail = assert_problem(client.get(f"{scan['links']['views']}/{index}.png"), 404, "no-result")
         assert detail == f"scan {scan['id']} has no view {index}, or not yet"
@@ -81,9 +84,7 @@ def test_there_is_no_other_view(client: ServedClient, scan: dict[str, Any], asse
         assert_problem(client.get(f"/api/scans/none/{path}"), 404, "scan-not-found")
 
 
-def test_of_a_scan_that_has_lost_its_recording_nothing_is_shown(
-    client: ServedClient, assert_problem: AssertProblem
-) -> None:
+def test_a_scan_without_a_recording_has_no_views(client: ServedClient, assert_problem: AssertProblem) -> None:
     store: Store = client.app.state.context.store
     row = replace(new_scan("replay", "graph", None, NOBODY), id=new_id(), state="scanning")
     store.add_scan(row)
@@ -93,13 +94,13 @@ def test_of_a_scan_that_has_lost_its_recording_nothing_is_shown(
         assert detail == f"scan {row.id} has no recording"
 
 
-def test_a_live_scan_shows_its_views_as_they_come(
+def test_a_live_scan_shows_its_views_when_they_are_recorded(
     client: ServedClient, live: tuple[str, Path], recording_file: Path, assert_problem: AssertProblem
 ) -> None:
     scan_id, path = live
     own, source = f"/api/scans/{scan_id}/views", read_recording(recording_file)
     assert client.get(f"/api/scans/{scan_id}").json()["links"]["views"] == own
-    path.touch()  # made, and nothing written
+    path.touch()  # created and empty
     assert client.get(own).json() == {"views": []}
     assert_problem(client.get(f"{own}/0.png"), 404, "no-result")
     path.unlink()
@@ -107,22 +108,22 @@ def test_a_live_scan_shows_its_views_as_they_come(
     with RecordingWriter(path, source.header) as writer:
         for number, view in enumerate(source.views, 1):
             writer.write_view(view)
-            client.app.state.context.store.set_view(scan_id, view.index, "recorded")  # as a live scan does
+            client.app.state.context.store.set_view(scan_id, view.index, "recorded")  # as in a live scan
             assert len(client.get(own).json()["views"]) == number
             assert client.get(f"{own}/{view.index}.png").status_code == 200
             assert_problem(client.get(f"{own}/{view.index + 1}.png"), 404, "no-result")
 
 
-@pytest.mark.parametrize("harm", ["gone", "shorter"])
-def test_of_a_damaged_recording_nothing_is_shown(
-    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, harm: str
+@pytest.mark.parametrize("damage", ["gone", "shorter"])
+def test_a_damaged_recording_is_reported(
+    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, damage: str
 ) -> None:
     path = client.app.state.context.store.folder.recording(scan["recording"])
     assert client.get(f"{scan['links']['views']}/2.png").status_code == 200
     whole = path.read_bytes()
     try:
-        path.unlink() if harm == "gone" else path.write_bytes(whole[:-1])
-        time.sleep(FRESH_S)  # so long an answer from before is given again
+        path.unlink() if damage == "gone" else path.write_bytes(whole[:-1])
+        time.sleep(MAX_AGE_S)  # until the cached answer expires
         for address in (scan["links"]["views"], f"{scan['links']['views']}/2.png"):
             assert "pointchain doctor" in assert_problem(client.get(address), 500, "damaged")
     finally:

@@ -1,4 +1,4 @@
-"""The cell as JSON."""
+"""The JSON document of the cell."""
 
 import time
 
@@ -8,11 +8,11 @@ import pytest
 from cell.config.cell_config import CellSettings
 from cell.control.status import CellStatus, State
 from cell.devices import ArmState
-from service.api.schemas.cell import HEARD_S, cell_resource
+from service.api.schemas.cell import MAX_STATE_AGE_S, cell_resource
 
 
-def status(state: State, heard_s: float) -> CellStatus:
-    """A cell whose arm was heard so long ago."""
+def status(state: State, age_s: float) -> CellStatus:
+    """Return the status of a cell whose arm state has this age."""
     arm = ArmState(
         q_rad=np.zeros(6),
         qd_rad_s=np.zeros(6),
@@ -22,17 +22,17 @@ def status(state: State, heard_s: float) -> CellStatus:
         moving=False,
         controller_s=0.0,
         age_s=0.0,
-        read_s=time.monotonic() - heard_s,
+        read_s=time.monotonic() - age_s,
     )
     return CellStatus(state=state, slug=None, reason=None, arm_state=arm)
 
 
 @pytest.mark.parametrize("state", ["ready", "busy", "fault"])
-def test_modes_that_nobody_has_heard_of_lately_are_not_told(state: State) -> None:
+def test_modes_of_an_old_state_are_null(state: State) -> None:
     fresh = cell_resource(status(state, 0.0), CellSettings(), None, []).robot
     assert (fresh.robot_mode, fresh.safety_mode) == ("running", "normal")
     assert fresh.moving is (None if state == "fault" else False)
-    old = cell_resource(status(state, HEARD_S + 1.0), CellSettings(), None, []).robot
+    old = cell_resource(status(state, MAX_STATE_AGE_S + 1.0), CellSettings(), None, []).robot
     assert (old.robot_mode, old.safety_mode, old.moving) == (None, None, None)
-    assert old.q_rad == [0.0] * 6  # where it was; `age_s` tells when
-    assert old.age_s == pytest.approx(HEARD_S + 1.0, abs=0.5)  # the time that this takes
+    assert old.q_rad == [0.0] * 6  # the last known joints, whose age is `age_s`
+    assert old.age_s == pytest.approx(MAX_STATE_AGE_S + 1.0, abs=0.5)  # the duration of the test

@@ -1,4 +1,4 @@
-"""The cell's room, as those who draw it are told of it."""
+"""The JSON document of the cell's geometry."""
 
 import httpx
 import numpy as np
@@ -15,8 +15,8 @@ from tests.service.conftest import ServedClient
 Q_RAD = np.array([0.3, -1.2, 1.3, -1.4, -1.5, 0.6])
 
 
-def drawn_frames(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(7, 4, 4): the links' frames, by nothing but what was told."""
+def link_frames_of(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the frames of the links, (7, 4, 4), from the document alone."""
     frames = [np.eye(4)]
     for q, d, a, alpha in zip(q_rad, arm.d_m, arm.a_m, arm.alpha_rad, strict=True):
         c, s, ca, sa = np.cos(q), np.sin(q), np.cos(alpha), np.sin(alpha)
@@ -25,7 +25,7 @@ def drawn_frames(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.float6
     return np.array(frames)
 
 
-def test_the_room_is_told_without_asking_a_device(client: httpx.Client) -> None:
+def test_the_geometry_is_returned_without_a_device(client: httpx.Client) -> None:
     answer = client.get("/api/cell/room")
     assert answer.status_code == 200
     room = RoomResource.model_validate_json(answer.content)
@@ -39,21 +39,21 @@ def test_the_room_is_told_without_asking_a_device(client: httpx.Client) -> None:
     assert client.get("/api/cell/room?x=1").status_code == 422
 
 
-def test_the_arm_can_be_drawn_by_it() -> None:
+def test_the_arm_can_be_drawn_from_the_document() -> None:
     for model in ARMS:
         arm = room_resource(ServiceConfig(arm=SimulatedArm(model=model)), None).arm
         assert arm.model == model
-        # The same product of the same matrices, in another order of roundings.
-        np.testing.assert_allclose(drawn_frames(arm, Q_RAD), link_frames(model, Q_RAD[None])[0], rtol=0, atol=1e-12)
+        # the same product of the same matrices, rounded in another order
+        np.testing.assert_allclose(link_frames_of(arm, Q_RAD), link_frames(model, Q_RAD[None])[0], rtol=0, atol=1e-12)
         for part in arm.parts:
             assert all(0 <= frame <= 6 for frame in part.frames)
             assert 0.01 < part.radius_m < 0.2
 
 
-def test_its_capsules_are_where_collisions_are_looked_for(client: ServedClient) -> None:
-    """By the document alone, as a browser has it."""
+def test_the_capsules_are_those_of_the_collision_check(client: ServedClient) -> None:
+    """The capsules follow from the document alone, as in a browser."""
     room = RoomResource.model_validate_json(client.get("/api/cell/room").content)
-    frames = drawn_frames(room.arm, Q_RAD)
+    frames = link_frames_of(room.arm, Q_RAD)
     calibration = client.app.state.context.cell.hand_eye()
     model = collision_model(client.app.state.context.config.cell, calibration.T_flange_camera)
     expected = link_frames(model.model, Q_RAD[None])[0][model.part_frames]
@@ -65,13 +65,13 @@ def test_its_capsules_are_where_collisions_are_looked_for(client: ServedClient) 
         assert part.radius_m == radius_m
 
 
-def test_without_a_calibration_nobody_knows_where_the_camera_is() -> None:
+def test_without_a_calibration_the_shape_has_no_camera() -> None:
     parts = [part.part for part in room_resource(ServiceConfig(), None).arm.parts]
     assert parts[-1] == "wrist 3"
     assert not any("camera" in part for part in parts)
 
 
-def test_obstacles_are_told_from_their_lowest_to_their_highest_corner() -> None:
+def test_obstacles_have_their_lowest_and_highest_corner() -> None:
     corners = ((0.6, 0.2, 0.3), (0.5, 0.3, 0.0))
     mounting = MountingSettings(table_z_m=-0.02, obstacles_m=(corners,))
     room = room_resource(ServiceConfig(mounting=mounting), None)

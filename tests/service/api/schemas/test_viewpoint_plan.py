@@ -1,4 +1,4 @@
-"""A plan as it goes over HTTP is the plan as it is."""
+"""The JSON document of a viewpoint plan is complete."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ def viewpoint(index: int, **values: Any) -> Viewpoint:
 
 
 @pytest.mark.parametrize("held_out", [(), (1,)])
-def test_nothing_is_lost(held_out: tuple[int, ...]) -> None:
+def test_the_document_has_every_member_of_the_plan(held_out: tuple[int, ...]) -> None:
     plan = ViewpointPlan(
         viewpoints=(
             viewpoint(0, q_rad=Q_RAD, reason=None, fallback="10 degrees lower"),

@@ -8,7 +8,7 @@ from service.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "expected"),
     [
         ((), "charuco"),
         (
@@ -23,20 +23,20 @@ from service.cli.main import main
         (("--columns", "11", "--rows", "9", "--pitch", "0.03", "--paper", "a3"), "charuco 11 x 9, pitch 30 mm"),
     ],
 )
-def test_a_board_to_print(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: tuple[str, ...], told: str
+def test_board_writes_a_pdf(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: tuple[str, ...], expected: str
 ) -> None:
     path = tmp_path / "board.pdf"
     assert main(["calibrate", "board", str(path), *options]) == 0
     out, err = capsys.readouterr()
     assert out == ""
-    assert told in err
+    assert expected in err
     assert "print it at 100 %" in err
     assert path.read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "expected"),
     [
         (("--rows", "6"), "an odd number is needed"),
         (("--pitch", "25"), "looks like millimetres"),
@@ -45,15 +45,15 @@ def test_a_board_to_print(
         (("--pitch", "0.1"), "paper"),
     ],
 )
-def test_boards_that_cannot_be(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: tuple[str, ...], told: str
+def test_an_impossible_board_is_rejected(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: tuple[str, ...], expected: str
 ) -> None:
     path = tmp_path / "board.pdf"
     assert main(["calibrate", "board", str(path), *options]) == 1
-    assert told in capsys.readouterr().err
+    assert expected in capsys.readouterr().err
     assert not path.exists()
 
 
-def test_a_file_that_cannot_be_written(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(["calibrate", "board", str(tmp_path / "none" / "board.pdf")]) == 1
     assert "cannot be written" in capsys.readouterr().err

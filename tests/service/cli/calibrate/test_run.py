@@ -1,5 +1,7 @@
-"""`pointchain calibrate run` and `verify` as a person runs them: the real ur_rtde and depthai, a virtual controller, a
-rendered board, and a camera whose mounting is known."""
+"""`pointchain calibrate run` and `verify`: the real ur_rtde and depthai, a virtual controller, a rendered board.
+
+The true pose of the camera on the flange is known.
+"""
 
 import io
 import json
@@ -16,16 +18,16 @@ from calibration.storage.hand_eye_file import load_hand_eye
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from service.cli.main import main
 from tests.cell.loopback import free_host
-from tests.service.signalled import assert_stopped, told_to_end
+from tests.service.signalled import assert_stopped, interrupt
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test has several busy processes
 
-LONGEST_S = 120
-"""Loading the libraries on a busy machine, above all."""
+TIMEOUT_S = 120
+"""Long, because a busy machine needs time to load the libraries."""
 
 
-def quick_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:
-    """The configuration of a quick simulated cell that keeps everything in `folder`."""
+def fast_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:
+    """Write the configuration of a fast simulated cell that keeps its data in `folder`."""
     path = folder / "cell.toml"
     path.write_text(
         f"data_dir = '{folder / 'data'}'\n[arm]\nhost = '{host}'\ntime_factor = {time_factor}\nwatchdog_hz = 1.0\n"
@@ -35,44 +37,44 @@ def quick_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:
 
 
 class Terminal(io.StringIO):
-    """Where a person sits and types."""
+    """A terminal with prepared input."""
 
     def isatty(self) -> bool:
         return True
 
 
 def calibrate(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr."""
+    """Return the exit code, stdout and stderr."""
     code = main(["calibrate", *(str(argument) for argument in arguments)])
     out, err = capsys.readouterr()
     return code, out, err
 
 
-def off_by_mm(path: Path, millimetres: float) -> None:
-    """The calibration says that the camera were elsewhere, sideways."""
+def shift_by_mm(path: Path, millimetres: float) -> None:
+    """Shift the camera along x in the hand-eye file."""
     document = json.loads(path.read_text())
     document["T_flange_camera"]["xyz_m"][0] += millimetres / 1000
     path.write_text(json.dumps(document))
 
 
-def test_from_nothing_to_a_calibration_in_use_that_is_verified(
+def test_a_new_cell_is_calibrated_activated_and_verified(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config, run = quick_cell(tmp_path, free_host()), tmp_path / "run"
+    config, run = fast_cell(tmp_path, free_host()), tmp_path / "run"
     active = tmp_path / "data" / "calibration" / "hand_eye.json"
     monkeypatch.setattr(sys, "stdin", Terminal("n\n"))
     code, out, err = calibrate(capsys, "run", "--config", config, "--folder", run, "--json")
     assert code == 0, err
     assert "the arm will move through 17 poses" in err
     assert "of the image covered so far" in err
-    assert f"use it from now on, as {active}? [y/N]" in err
-    assert f"to use it: pointchain calibrate activate {run} --config {config}" in err
+    assert f"activate this calibration as {active}? [y/N]" in err
+    assert f"to activate it: pointchain calibrate activate {run} --config {config}" in err
     document = json.loads(out)
     assert (document["activated"], document["folder"], document["unseen"]) == (False, str(run), [])
     assert document["verification"]["passed"] is True
     assert not active.exists()
     off = inverse(T_FLANGE_CAMERA) @ load_hand_eye(run / "hand_eye.json", 1.0).T_flange_camera
-    # What is asked of a simulated cell whose robot errs by 0.5 mm and 0.1 degrees (rms).
+    # limits for a simulated cell whose robot has errors of 0.5 mm and 0.1 degrees (rms)
     assert np.linalg.norm(off[:3, 3]) < 4e-4
     assert np.degrees(rotation_angle(off)) < 0.08
 
@@ -84,33 +86,33 @@ def test_from_nothing_to_a_calibration_in_use_that_is_verified(
     code, out, err = calibrate(capsys, "verify", "--config", config)
     assert code == 0, out + err
     assert out.startswith("Verified        the board appears where it lay")
-    off_by_mm(active, 8.0)
+    shift_by_mm(active, 8.0)
     code, out, err = calibrate(capsys, "verify", "--config", config, "--json", "--folder", tmp_path / "drifted")
     assert code == 1, err
     assert json.loads(out)["passed"] is False
     assert len(list((tmp_path / "drifted").glob("*.png"))) == 2
 
 
-def test_one_that_was_not_verified_is_not_taken_into_use_unasked(
+def test_yes_does_not_activate_an_unverified_result(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config, run = quick_cell(tmp_path, free_host()), tmp_path / "run"
-    config.write_text(config.read_text() + "working_m = [0.55, 1.0]\n")  # so that most poses are equally far
+    config, run = fast_cell(tmp_path, free_host()), tmp_path / "run"
+    config.write_text(config.read_text() + "working_m = [0.55, 1.0]\n")  # so that most poses have the same distance
     monkeypatch.setattr("service.cli.calibrate.run.HELD_OUT", 0)
     code, out, err = calibrate(capsys, "run", "--config", config, "--folder", run, "--yes", "--json")
     assert code == 0, err
     assert json.loads(out)["activated"] is False
-    assert "it is not verified, and so not in use without somebody who decides it" in err
-    assert f"to use it: pointchain calibrate activate {run} --config {config}" in err
+    assert "the result is not verified, so --yes does not activate it" in err
+    assert f"to activate it: pointchain calibrate activate {run} --config {config}" in err
     assert not (tmp_path / "data" / "calibration" / "hand_eye.json").exists()
     assert "an error of the board's size or of the focal length goes unnoticed" in err[: err.index("moving to pose")]
 
 
 @pytest.mark.parametrize("command", ["run", "verify"])
-def test_a_folder_that_cannot_be_made_or_read_is_told(
+def test_a_folder_that_cannot_be_created_or_read_is_reported(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
 ) -> None:
-    config = quick_cell(tmp_path, free_host())
+    config = fast_cell(tmp_path, free_host())
     for folder, why in (
         (config / "run", "Not a directory"),
         (tmp_path / ("x" * 300), "File name too long"),
@@ -122,35 +124,35 @@ def test_a_folder_that_cannot_be_made_or_read_is_told(
         problem = json.loads(out)["error"]
         assert "status" not in problem, "a command line has no HTTP status"
         assert why in problem["detail"]
-        assert "name a" in problem["detail"]
+        assert "by --folder" in problem["detail"]
         assert "connecting" not in err
 
 
-def test_a_signal_stops_the_arm_and_the_pictures_are_kept(tmp_path: Path) -> None:
+def test_a_signal_stops_the_arm_and_the_images_are_kept(tmp_path: Path) -> None:
     host, run = free_host(), tmp_path / "run"
     command = [sys.executable, "-c", "import sys; from service.cli.main import main; sys.exit(main(sys.argv[1:]))"]
-    command += ["calibrate", "run", "--json", "--folder", str(run), "--config", str(quick_cell(tmp_path, host, 2.0))]
+    command += ["calibrate", "run", "--json", "--folder", str(run), "--config", str(fast_cell(tmp_path, host, 2.0))]
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as running:
         try:
             assert running.stderr is not None
-            while "picture 1 of" not in (line := running.stderr.readline()):
-                assert line, "it ended"
-            out, said, seen = told_to_end(running, host, signal.SIGTERM, LONGEST_S)
+            while "image 1 of" not in (line := running.stderr.readline()):
+                assert line, "the command ended"
+            out, err, events = interrupt(running, host, signal.SIGTERM, TIMEOUT_S)
         finally:
             running.kill()
-    assert running.returncode == 130, said
+    assert running.returncode == 130, err
     error = json.loads(out)["error"]
     assert error["type"] == "urn:pointchain:stopped"
-    assert f"what was taken until then is in {run}" in error["detail"]
+    assert f"the images taken until then are in {run}" in error["detail"]
     assert 1 <= len(list(run.glob("*.png"))) < 17
     assert not (run / "hand_eye.json").exists()
-    assert_stopped(seen)
+    assert_stopped(events)
 
 
-def test_what_keeps_it_from_beginning(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    config = quick_cell(tmp_path, free_host())
+def test_calibrate_reports_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    config = fast_cell(tmp_path, free_host())
     code, _, err = calibrate(capsys, "run", "--config", config, "--rows", "6")
     assert code == 1
     assert "an odd number is needed" in err

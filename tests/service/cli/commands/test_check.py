@@ -1,4 +1,4 @@
-"""`pointchain check` and `pointchain viewpoints` as an operator or a program meets them."""
+"""`pointchain check` and `pointchain viewpoints`: text for people and JSON for programs."""
 
 import json
 import os
@@ -17,14 +17,14 @@ from tests.cell.loopback import free_host
 
 
 @pytest.fixture(autouse=True)
-def no_variables(monkeypatch: pytest.MonkeyPatch) -> None:
+def clear_variables(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in os.environ if name.upper().startswith("POINTCHAIN_")]:
         monkeypatch.delenv(name)
 
 
 @pytest.fixture
-def nobody(tmp_path: Path) -> Path:
-    """The configuration of a cell whose robot does not answer, and whose camera is not plugged in."""
+def unreachable_cell(tmp_path: Path) -> Path:
+    """Configuration of a cell whose robot does not answer and whose camera is not connected."""
     write_hand_eye(
         tmp_path / "hand_eye.json",
         from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4)),
@@ -40,8 +40,8 @@ def nobody(tmp_path: Path) -> Path:
     return path
 
 
-def test_an_operator_reads_what_is_wrong_and_what_to_do(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "--config", str(nobody)]) == 1
+def test_check_prints_what_is_wrong_and_what_to_do(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--config", str(unreachable_cell)]) == 1
     out, err = capsys.readouterr()
     assert err == ""
     lines = out.splitlines()
@@ -54,8 +54,8 @@ def test_an_operator_reads_what_is_wrong_and_what_to_do(nobody: Path, capsys: py
     assert lines[-1] == "The cell cannot scan: 4 ok, 2 failed, 5 skipped."
 
 
-def test_a_program_reads_the_same(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "--config", str(nobody), "--json"]) == 1
+def test_check_prints_the_same_as_json(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--config", str(unreachable_cell), "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert document["passed"] is False
     outcomes = {step["name"]: step["outcome"] for step in document["steps"]}
@@ -63,9 +63,7 @@ def test_a_program_reads_the_same(nobody: Path, capsys: pytest.CaptureFixture[st
     assert all(set(step) == {"name", "outcome", "words", "what_to_do"} for step in document["steps"])
 
 
-def test_a_configuration_that_cannot_be_used_is_the_first_step_that_fails(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_configuration_is_the_only_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "cell.toml"
     path.write_text("[arm]\nspeed_rad_s = 0\n[camera]\nfps = 100\n")
     assert main(["check", "--config", str(path)]) == 1
@@ -75,38 +73,38 @@ def test_a_configuration_that_cannot_be_used_is_the_first_step_that_fails(
     assert out.splitlines()[-1] == "The cell cannot scan: 1 failed."
 
 
-def test_the_data_folder_is_looked_at_and_not_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_data_folder_is_checked_and_not_created(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "not" / "yet"
-    step = check.data_folder(ServiceConfig(data_dir=folder))
+    step = check.check_data_folder(ServiceConfig(data_dir=folder))
     assert step.outcome == "ok"
     assert str(folder) in step.words
     assert not folder.exists()
     (tmp_path / "file").write_text("")
-    assert check.data_folder(ServiceConfig(data_dir=tmp_path / "file")).outcome == "failed"
-    monkeypatch.setattr(check, "LITTLE_FREE_BYTES", 1 << 80)
-    assert check.data_folder(ServiceConfig(data_dir=folder)).outcome == "warning"
-    monkeypatch.setattr(check, "LEAST_FREE_BYTES", 1 << 80)
-    assert check.data_folder(ServiceConfig(data_dir=folder)).outcome == "failed"
+    assert check.check_data_folder(ServiceConfig(data_dir=tmp_path / "file")).outcome == "failed"
+    monkeypatch.setattr(check, "LOW_FREE_BYTES", 1 << 80)
+    assert check.check_data_folder(ServiceConfig(data_dir=folder)).outcome == "warning"
+    monkeypatch.setattr(check, "MIN_FREE_BYTES", 1 << 80)
+    assert check.check_data_folder(ServiceConfig(data_dir=folder)).outcome == "failed"
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "told"),
+    ("outcomes", "expected"),
     [
         (("ok", "ok"), "The cell is ready to scan: 2 ok."),
         (("ok", "warning"), "The cell is ready to scan: 1 ok, 1 warning."),
-        (("ok", "skipped"), "Nothing that was tested keeps the cell from scanning: 1 ok, 1 skipped."),
+        (("ok", "skipped"), "No step failed, but some were skipped: 1 ok, 1 skipped."),
         (("failed", "skipped"), "The cell cannot scan: 1 failed, 1 skipped."),
     ],
 )
-def test_the_verdict_follows_from_the_steps(outcomes: tuple[Outcome, Outcome], told: str) -> None:
-    assert check.verdict([CheckResult("one", outcome, "words") for outcome in outcomes]) == told
+def test_the_summary_follows_from_the_steps(outcomes: tuple[Outcome, Outcome], expected: str) -> None:
+    assert check.summarise([CheckResult("one", outcome, "words") for outcome in outcomes]) == expected
 
 
-def test_viewpoints_are_listed_and_drawn_without_asking_a_device(
-    nobody: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_viewpoints_are_listed_and_drawn_without_a_device(
+    unreachable_cell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     picture = tmp_path / "plan.png"
-    assert main(["viewpoints", "--config", str(nobody), "--picture", str(picture)]) == 0
+    assert main(["viewpoints", "--config", str(unreachable_cell), "--picture", str(picture)]) == 0
     out, err = capsys.readouterr()
     head, *rows, summary = out.splitlines()
     assert head.split() == ["view", "order", "azimuth", "elevation", "distance", "roll", "reached"]
@@ -118,14 +116,16 @@ def test_viewpoints_are_listed_and_drawn_without_asking_a_device(
     assert str(picture) in err
 
 
-def test_what_is_odd_about_calibration_and_coverage_is_told_with_the_viewpoints(
-    nobody: Path, capsys: pytest.CaptureFixture[str]
+def test_viewpoints_warn_about_calibration_and_coverage(
+    unreachable_cell: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (nobody.parent / "hand_eye.json").write_text(
+    (unreachable_cell.parent / "hand_eye.json").write_text(
         '{"T_flange_camera": {"xyz_m": [0, 0, 0.05], "quat_xyzw": [1, 0, 0, 0]}}'
     )
-    nobody.write_text(nobody.read_text() + "[workspace]\nx_m = [0.2, 1.0]\ny_m = [-0.5, 0.5]\n[scan]\nmin_views = 2\n")
-    main(["viewpoints", "--config", str(nobody)])
+    unreachable_cell.write_text(
+        unreachable_cell.read_text() + "[workspace]\nx_m = [0.2, 1.0]\ny_m = [-0.5, 0.5]\n[scan]\nmin_views = 2\n"
+    )
+    main(["viewpoints", "--config", str(unreachable_cell)])
     out, err = capsys.readouterr()
     assert "the camera looks back at the arm" in err
     assert "does not say when it was made" in err
@@ -133,35 +133,37 @@ def test_what_is_odd_about_calibration_and_coverage_is_told_with_the_viewpoints(
     assert "% of the table in the workspace" in out.splitlines()[-1]
 
 
-def test_viewpoints_for_programs(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["viewpoints", "--config", str(nobody), "--views", "5", "--json"]) == 0
+def test_viewpoints_prints_json(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["viewpoints", "--config", str(unreachable_cell), "--views", "5", "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)
     assert [viewpoint["index"] for viewpoint in plan["viewpoints"]] == [0, 1, 2, 3, 4]
-    assert plan["legs"][-1]["view"] is None, "and home again"
+    assert plan["legs"][-1]["view"] is None, "the last move goes home"
 
 
-def test_too_few_viewpoints_are_a_failure_with_reasons(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    nobody.write_text(nobody.read_text() + "[workspace]\nx_m = [0.7, 1.2]\n[scan]\nmin_views = 8\n")
-    assert main(["viewpoints", "--config", str(nobody)]) == 1
+def test_too_few_viewpoints_fail_with_reasons(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    unreachable_cell.write_text(unreachable_cell.read_text() + "[workspace]\nx_m = [0.7, 1.2]\n[scan]\nmin_views = 8\n")
+    assert main(["viewpoints", "--config", str(unreachable_cell)]) == 1
     out, err = capsys.readouterr()
     assert "  no: " in out
     assert "viewpoints can be reached, 8 are needed" in err
 
 
 @pytest.mark.parametrize("views", ["1", "33", "-4", "eight", "²"])
-def test_a_number_of_views_that_cannot_be_is_refused(views: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as refused:
+def test_an_impossible_number_of_views_is_rejected(views: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as raised:
         main(["viewpoints", f"--views={views}"])
-    assert refused.value.code == 2
+    assert raised.value.code == 2
     assert "from 2 to 32 views are possible" in capsys.readouterr().err
 
 
-def test_viewpoints_without_a_calibration_cannot_be_planned(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (nobody.parent / "hand_eye.json").unlink()
-    assert main(["viewpoints", "--config", str(nobody)]) == 1
+def test_viewpoints_need_a_calibration(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (unreachable_cell.parent / "hand_eye.json").unlink()
+    assert main(["viewpoints", "--config", str(unreachable_cell)]) == 1
     assert "there is no hand-eye calibration" in capsys.readouterr().err
 
 
-def test_a_picture_that_cannot_be_written_is_told(nobody: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["viewpoints", "--config", str(nobody), "--picture", str(nobody / "x.png")]) == 1
+def test_a_picture_that_cannot_be_written_is_reported(
+    unreachable_cell: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["viewpoints", "--config", str(unreachable_cell), "--picture", str(unreachable_cell / "x.png")]) == 1
     assert "x.png cannot be written" in capsys.readouterr().err

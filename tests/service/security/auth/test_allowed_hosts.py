@@ -1,10 +1,10 @@
-"""By which names the service may be called, and by which pages."""
+"""The host names by which the service may be called, and the pages that may call it."""
 
 import httpx
 import pytest
 
 from service.problems.problem_error import ProblemError
-from service.security.auth.allowed_hosts import AllowedHosts, called_by
+from service.security.auth.allowed_hosts import AllowedHosts, local_address
 from service.security.middleware.csrf import check_origin
 from tests.service.conftest import ServedClient
 from tests.service.security.conftest import connect, port_of, read_all
@@ -14,7 +14,7 @@ from tests.service.security.conftest import connect, port_of, read_all
     "host",
     ["localhost", "LocalHost:80", "localhost.", "127.0.0.1:8000", "127.9.9.9", "[::1]", "[::1]:8000", "[0:0::1]"],
 )
-def test_names_of_loopback_are_always_allowed(host: str) -> None:
+def test_loopback_names_are_always_allowed(host: str) -> None:
     assert host in AllowedHosts("127.0.0.1", ())
 
 
@@ -27,11 +27,11 @@ def test_names_of_loopback_are_always_allowed(host: str) -> None:
         "localhost\n", "l\u043ecalhost", "user@localhost",
     ],
 )  # fmt: skip
-def test_other_names_are_not(host: str) -> None:
+def test_other_names_are_not_allowed(host: str) -> None:
     assert host not in AllowedHosts("127.0.0.1", ())
 
 
-def test_the_address_listened_on_and_those_configured_are_allowed() -> None:
+def test_the_listen_address_and_configured_names_are_allowed() -> None:
     hosts = AllowedHosts("192.168.1.20", ("cell.local", "FD00::1", "[fd00::2]"))
     for host in ("192.168.1.20:8000", "CELL.local", "cell.local.:80", "[fd00:0::1]:8000", "[fd00::2]", "localhost"):
         assert host in hosts
@@ -40,18 +40,18 @@ def test_the_address_listened_on_and_those_configured_are_allowed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("listening", "name"),
+    ("listen_host", "name"),
     [
         ("0.0.0.0", "127.0.0.1"), ("", "127.0.0.1"), ("::", "::1"), ("127.0.0.1", "127.0.0.1"), ("::1", "::1"),
         ("192.168.1.20", "192.168.1.20"), ("cell.local", "cell.local"),
     ],
 )  # fmt: skip
-def test_the_name_that_is_told_is_one_that_is_allowed(listening: str, name: str) -> None:
-    assert called_by(listening) == name
-    assert (f"[{name}]" if ":" in name else name) in AllowedHosts(listening, ())
+def test_the_reported_name_is_allowed(listen_host: str, name: str) -> None:
+    assert local_address(listen_host) == name
+    assert (f"[{name}]" if ":" in name else name) in AllowedHosts(listen_host, ())
 
 
-def test_a_name_that_was_made_to_point_here_is_refused(client: ServedClient) -> None:
+def test_a_rebound_name_is_refused(client: ServedClient) -> None:
     for path in ("/api/cell", "/docs", "/healthz"):
         answer = client.get(path, headers={"Host": "evil.example"})
         assert answer.status_code == 421
@@ -71,7 +71,7 @@ def test_a_name_that_was_made_to_point_here_is_refused(client: ServedClient) -> 
     ],
     ids=["none", "two", "old", "absolute"],
 )
-def test_an_odd_host_is_refused(client: ServedClient, head: str) -> None:
+def test_an_invalid_host_header_is_refused(client: ServedClient, head: str) -> None:
     with connect(port_of(client)) as connection:
         connection.sendall(head.replace("\r\n\r\n", "\r\nConnection: close\r\n\r\n").encode())
         answer = read_all(connection)
@@ -79,41 +79,41 @@ def test_an_odd_host_is_refused(client: ServedClient, head: str) -> None:
     assert b"application/problem+json" in answer
 
 
-OWN = "http://127.0.0.1:8000"
+OWN_ORIGIN = "http://127.0.0.1:8000"
 
 
-def ask(method: str = "POST", host: str = "127.0.0.1:8000", **headers: str) -> None:
-    named = {"host": host} | {name.replace("_", "-"): value for name, value in headers.items()}
-    check_origin({"method": method, "headers": [(name.encode(), value.encode()) for name, value in named.items()]})
+def check(method: str = "POST", host: str = "127.0.0.1:8000", **headers: str) -> None:
+    sent = {"host": host} | {name.replace("_", "-"): value for name, value in headers.items()}
+    check_origin({"method": method, "headers": [(name.encode(), value.encode()) for name, value in sent.items()]})
 
 
-def test_no_browser_and_the_own_page_may_do_things() -> None:
-    ask()
-    ask(origin=OWN, sec_fetch_site="same-origin")
-    ask(origin=OWN, x_pointchain="1")
-    ask(origin=OWN, authorization="Bearer x")
-    ask(origin="https://cell.local", host="Cell.local:443", x_pointchain="1")  # behind a proxy that speaks TLS
-    ask(origin="http://[::1]:8000", host="[::1]:8000", x_pointchain="")
+def test_programs_and_own_pages_may_change_things() -> None:
+    check()
+    check(origin=OWN_ORIGIN, sec_fetch_site="same-origin")
+    check(origin=OWN_ORIGIN, x_pointchain="1")
+    check(origin=OWN_ORIGIN, authorization="Bearer x")
+    check(origin="https://cell.local", host="Cell.local:443", x_pointchain="1")  # behind a TLS proxy
+    check(origin="http://[::1]:8000", host="[::1]:8000", x_pointchain="")
 
 
 @pytest.mark.parametrize("origin", ["null", "http://evil.example", "http://127.0.0.1:9000", "http://127.0.0.1",
                                     "127.0.0.1:8000", "file://", "http://127.0.0.1:8000/x", "http://[", "ftp://127.0.0.1:8000",
                                     "http://127.0.0.1:8000.evil.example", "http://x@127.0.0.1:8000", ""])  # fmt: skip
-def test_another_page_may_not_whatever_else_it_sends(origin: str) -> None:
+def test_another_origin_is_refused_with_any_header(origin: str) -> None:
     with pytest.raises(ProblemError, match="another origin"):
-        ask(origin=origin, x_pointchain="1", sec_fetch_site="same-origin")
+        check(origin=origin, x_pointchain="1", sec_fetch_site="same-origin")
 
 
-def test_what_every_page_can_send_is_not_enough() -> None:
+def test_headers_that_any_page_can_send_do_not_suffice() -> None:
     with pytest.raises(ProblemError, match="X-Pointchain"):
-        ask(origin=OWN)
+        check(origin=OWN_ORIGIN)
     for site in ("cross-site", "same-site"):
-        for headers in ({}, {"x_pointchain": "1"}, {"origin": OWN, "x_pointchain": "1"}):
+        for headers in ({}, {"x_pointchain": "1"}, {"origin": OWN_ORIGIN, "x_pointchain": "1"}):
             with pytest.raises(ProblemError):
-                ask(sec_fetch_site=site, **headers)
+                check(sec_fetch_site=site, **headers)
         with pytest.raises(ProblemError):
-            ask("GET", sec_fetch_site=site, sec_fetch_mode="no-cors")
-        ask("GET", sec_fetch_site=site, sec_fetch_mode="navigate")  # somebody follows a link
+            check("GET", sec_fetch_site=site, sec_fetch_mode="no-cors")
+        check("GET", sec_fetch_site=site, sec_fetch_mode="navigate")  # a person follows a link
 
 
 def test_a_cross_origin_post_is_refused_and_a_preflight_gets_no_permission(client: ServedClient) -> None:
@@ -121,23 +121,23 @@ def test_a_cross_origin_post_is_refused_and_a_preflight_gets_no_permission(clien
     simple = {"Origin": "http://evil.example", "Content-Type": "text/plain"}
     answer = client.post("/api/scans", content=b'{"mode": "live"}', headers=simple)
     assert (answer.status_code, answer.json()["type"]) == (403, "urn:pointchain:cross-origin")
-    asked = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
-    preflight = client.options("/api/scans", headers=asked)
+    requested = {"Origin": "http://evil.example", "Access-Control-Request-Method": "POST"}
+    preflight = client.options("/api/scans", headers=requested)
     assert preflight.status_code == 405
     for one in (answer, preflight, client.get("/api/cell", headers={"Origin": "http://evil.example"})):
         assert not [name for name in one.headers if name.startswith("access-control-")]
     assert client.get("/api/scans").json() == before
 
 
-def test_the_page_of_the_api_can_try_things_out(client: ServedClient) -> None:
-    """With what browsers send: on loopback, and elsewhere over plain HTTP, where they leave Sec-Fetch-* away."""
+def test_the_page_of_the_api_can_send_requests(client: ServedClient) -> None:
+    """Browsers send Sec-Fetch-* on loopback, but not elsewhere over plain HTTP."""
     origin = str(client.base_url).rstrip("/")
     page = client.get("/docs")
-    assert "<script>" not in page.text  # all scripts are files: its policy forbids others
+    assert "<script>" not in page.text  # its content policy forbids inline scripts
     script = client.get("/docs/start.js")
     assert script.headers["content-type"].startswith("text/javascript")
     assert 'request.headers["X-Pointchain"]' in script.text
     fetched = {"Origin": origin, "Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors"}
     for headers in (fetched, {"Origin": origin, "X-Pointchain": "docs"}):
         answer: httpx.Response = client.post("/api/viewpoints/plan", headers=headers, json={"views": 99})
-        assert answer.status_code == 422, answer.text  # it came to the route
+        assert answer.status_code == 422, answer.text  # the request reached the route

@@ -1,4 +1,4 @@
-"""Who may do what: the table, and that nothing gets around it."""
+"""The table of roles, and that no request bypasses it."""
 
 import sqlite3
 import threading
@@ -14,7 +14,7 @@ from starlette.routing import Mount
 from service.app import create_app
 from service.config.loader import ServiceConfig
 from service.security.auth.caller import ROLES, Caller
-from service.security.auth.roles import DOCS_FILES, LEAST_ROLE, Call, OtherMethods, find_call
+from service.security.auth.roles import DOCS_FILES, MIN_ROLE, Call, OtherMethods, find_call
 from service.security.auth.tokens import add_token, remove_token
 from service.storage.database import BUSY_S
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
@@ -23,27 +23,27 @@ from tests.service.security.conftest import Guarded, bearer, connect, port_of, w
 AssertProblem = Callable[[httpx.Response, int, str], str]
 
 THREADS = 40
-"""So many has the pool of all requests that may block, but stops."""
+"""Size of the thread pool of all requests that may block, except stops."""
 
 
 def routes() -> set[str]:
     found = set()
     for route in iter_route_contexts(create_app(ServiceConfig()).routes):
-        if isinstance(route.original_route, Mount):  # a folder of files
+        if isinstance(route.original_route, Mount):  # a folder of static files
             found |= {f"{method} {route.path}/{{path:path}}" for method in ("GET", "HEAD")}
         else:
-            assert route.methods, f"{route.path}: a route of another kind than the table knows"
+            assert route.methods, f"{route.path}: the table does not support routes of this kind"
             found |= {f"{method} {route.path}" for method in route.methods}
     return found
 
 
-def test_every_route_is_in_the_table_and_nothing_else() -> None:
-    assert routes() == set(LEAST_ROLE)
+def test_the_table_has_exactly_the_routes() -> None:
+    assert routes() == set(MIN_ROLE)
 
 
-def test_an_address_is_one_call_only() -> None:
-    """Else the router could take another one than the table."""
-    for name in LEAST_ROLE:
+def test_each_address_matches_one_call_only() -> None:
+    """Otherwise the router could choose another call than the table."""
+    for name in MIN_ROLE:
         method, _, path = name.partition(" ")
         example = path.replace("{path:path}", "a/b").replace("{id}", "x").replace("{index}", "3")
         found = find_call(method, example)
@@ -51,22 +51,22 @@ def test_an_address_is_one_call_only() -> None:
         assert found.name == name
 
 
-def test_what_is_not_in_the_table_does_not_exist() -> None:
+def test_calls_outside_the_table_do_not_exist() -> None:
     for path in ("/api", "/api/", "/api/scans/", "/api/scans//model", "/api/cell\n", "/API/cell", "//api/cell"):
         assert find_call("GET", path) is None
     assert find_call("DELETE", "/api/scans/x") == OtherMethods(("GET",))
     assert find_call("get", "/api/cell") == OtherMethods(("GET",))
 
 
-def test_a_role_may_what_lower_ones_may() -> None:
+def test_a_role_includes_all_lower_roles() -> None:
     for k, role in enumerate(ROLES):
-        assert [Caller("a", role).may(least) for least in ROLES] == [least in ROLES[: k + 1] for least in ROLES]
+        assert [Caller("a", role).has_role(other) for other in ROLES] == [other in ROLES[: k + 1] for other in ROLES]
 
 
-def test_without_a_token_nothing_is_told_but_that_it_lives(guarded: Guarded, assert_problem: AssertProblem) -> None:
+def test_without_a_token_only_public_calls_answer(guarded: Guarded, assert_problem: AssertProblem) -> None:
     for path in ("/healthz", "/docs", "/docs/start.js", f"{DOCS_FILES}/swagger-ui.css", "/openapi.json", "/manual/"):
         assert guarded.client.get(path).status_code == 200, path
-    for name, role in LEAST_ROLE.items():
+    for name, role in MIN_ROLE.items():
         method, _, path = name.partition(" ")
         if role != "open":
             answer = guarded.client.request(method, path.replace("{id}", "x").replace("{index}", "3"))
@@ -78,18 +78,18 @@ def test_without_a_token_nothing_is_told_but_that_it_lives(guarded: Guarded, ass
 @pytest.mark.parametrize(
     "value", ["Bearer", "Basic dTpw", "pct_x", "Bearer pct_" + "a" * 43, "Bearer a b", "Bearer \xe9"]
 )
-def test_what_is_no_token_is_refused(guarded: Guarded, assert_problem: AssertProblem, value: str) -> None:
+def test_an_invalid_token_is_refused(guarded: Guarded, assert_problem: AssertProblem, value: str) -> None:
     headers = [(b"Authorization", value.encode("latin-1"))]
     assert_problem(guarded.client.get("/api/cell", headers=headers), 401, "unauthorized")
 
 
-def test_two_tokens_at_a_time_are_refused(guarded: Guarded, assert_problem: AssertProblem) -> None:
+def test_two_tokens_in_one_request_are_refused(guarded: Guarded, assert_problem: AssertProblem) -> None:
     both = [*guarded.headers["viewer"].items(), *guarded.headers["maintainer"].items()]
     assert_problem(guarded.client.get("/api/cell", headers=both), 401, "unauthorized")
 
 
-def test_each_role_comes_as_far_as_it_may(guarded: Guarded, assert_problem: AssertProblem) -> None:
-    """A body that cannot be tells that the request came to its route."""
+def test_each_role_reaches_its_routes_only(guarded: Guarded, assert_problem: AssertProblem) -> None:
+    """The refusal of an invalid body shows that the request reached its route."""
     cases = (
         ("POST", "/api/scans", "operator", 422),
         ("POST", "/api/calibration/runs", "maintainer", 422),
@@ -98,11 +98,11 @@ def test_each_role_comes_as_far_as_it_may(guarded: Guarded, assert_problem: Asse
         ("PUT", "/api/scans/x/keep", "operator", 422),
         ("GET", "/api/scans/x", "viewer", 404),
     )
-    for method, path, least, reached in cases:
+    for method, path, min_role, reached in cases:
         for role in ROLES:
             answer = guarded.client.request(method, path, headers=guarded.headers[role], content=b"{")
-            if ROLES.index(role) < ROLES.index(least):  # type: ignore[arg-type]
-                assert least in assert_problem(answer, 403, "forbidden")
+            if ROLES.index(role) < ROLES.index(min_role):  # type: ignore[arg-type]
+                assert min_role in assert_problem(answer, 403, "forbidden")
             else:
                 assert answer.status_code == reached, answer.text
 
@@ -119,7 +119,7 @@ def test_a_viewer_cannot_scan_and_an_operator_cannot_acknowledge(
     assert guarded.client.get("/api/scans", headers=guarded.headers["viewer"]).json()["scans"] == []
 
 
-def test_an_unknown_address_is_unknown_to_those_who_may_ask(guarded: Guarded, assert_problem: AssertProblem) -> None:
+def test_an_unknown_address_is_not_found_with_a_token(guarded: Guarded, assert_problem: AssertProblem) -> None:
     viewer = guarded.headers["viewer"]
     assert_problem(guarded.client.get("/api/no-such-thing", headers=viewer), 404, "not-found")
     answer = guarded.client.delete("/api/scans", headers=viewer)
@@ -127,8 +127,8 @@ def test_an_unknown_address_is_unknown_to_those_who_may_ask(guarded: Guarded, as
     assert answer.headers["allow"] == "GET, POST"
 
 
-def test_a_token_is_good_at_once_and_gone_at_once(guarded: Guarded, assert_problem: AssertProblem) -> None:
-    with httpx.Client(base_url=guarded.client.base_url) as client:  # one connection all along
+def test_a_token_is_valid_at_once_and_removed_at_once(guarded: Guarded, assert_problem: AssertProblem) -> None:
+    with httpx.Client(base_url=guarded.client.base_url) as client:  # one connection for all requests
         client.headers.update(bearer(add_token(guarded.data, "guest", "viewer")))
         assert client.get("/api/cell").status_code == 200
         remove_token(guarded.data, "guest")
@@ -137,7 +137,7 @@ def test_a_token_is_good_at_once_and_gone_at_once(guarded: Guarded, assert_probl
 
 
 @pytest.mark.parametrize("query", ["token={}", "access_token={}", "API_KEY=x", "a=1&key=x", "limit={}", "%74oken=x"])
-def test_a_token_in_an_address_is_refused_also_when_it_is_valid(
+def test_a_token_in_an_address_is_refused_even_if_it_is_valid(
     guarded: Guarded, assert_problem: AssertProblem, query: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     token = guarded.headers["viewer"]["Authorization"].split()[1]
@@ -148,12 +148,12 @@ def test_a_token_in_an_address_is_refused_also_when_it_is_valid(
     assert token not in answer.text + caplog.text
 
 
-def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are_taken(
+def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are_busy(
     guarded: Guarded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing but the arm may be waited for: neither the database, nor a thread, nor the audit log."""
-    taken, robot_answers = [], threading.Event()
-    monkeypatch.setattr("cell.control.cell.Cell.connect", lambda *_: (taken.append(1), robot_answers.wait(PATIENCE_S)))
+    """A stop waits for the arm only: neither for the database, nor for a thread, nor for the audit log."""
+    busy, robot_answers = [], threading.Event()
+    monkeypatch.setattr("cell.control.cell.Cell.connect", lambda *_: (busy.append(1), robot_answers.wait(PATIENCE_S)))
     operator = guarded.headers["operator"]["Authorization"]
     request = f"POST /api/cell/connect HTTP/1.1\r\nHost: localhost\r\nAuthorization: {operator}\r\n\r\n"
     holder = sqlite3.connect(guarded.data / "pointchain.sqlite3", isolation_level=None)
@@ -162,9 +162,9 @@ def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are
         try:
             for _ in range(THREADS + 5):
                 connections.enter_context(connect(port_of(guarded.client))).sendall(request.encode())
-            wait_until(lambda: len(taken) == THREADS)
+            wait_until(lambda: len(busy) == THREADS)
             for _ in range(3):
-                # Shorter than the database is waited for elsewhere: had the stop to wait for it, this would show.
+                # The timeout is shorter than that of the database elsewhere, so a stop that waited for it would fail.
                 answer = guarded.client.post("/api/cell/stop", headers=guarded.headers["viewer"], timeout=BUSY_S / 2)
                 assert answer.status_code == 200, answer.text
         finally:
@@ -173,18 +173,18 @@ def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are
             holder.close()
 
 
-def test_the_last_token_removed_leaves_a_service_elsewhere_than_on_loopback_to_nobody(
+def test_without_tokens_a_service_on_all_interfaces_refuses_everyone(
     serve: Serve, tmp_path: Path, assert_problem: AssertProblem
 ) -> None:
     token = add_token(tmp_path, "a", "maintainer")
-    with without_recognition(serve, tmp_path, host="0.0.0.0") as client:  # listens on loopback here, but would not
+    with without_recognition(serve, tmp_path, host="0.0.0.0") as client:  # the test listens on loopback all the same
         assert client.get("/api/cell", headers=bearer(token)).status_code == 200
         remove_token(tmp_path, "a")
         assert_problem(client.get("/api/cell"), 401, "unauthorized")
         assert_problem(client.get("/api/cell", headers=bearer(token)), 401, "unauthorized")
 
 
-def test_the_description_tells_the_roles() -> None:
+def test_the_description_has_the_minimum_roles() -> None:
     document = create_app(ServiceConfig()).openapi()
     assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
     assert document["paths"]["/api/scans"]["post"]["x-least-role"] == "operator"

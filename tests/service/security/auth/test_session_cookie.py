@@ -1,4 +1,4 @@
-"""Signing in by a browser: the cookie, and what it is not enough for."""
+"""Signing in with a browser: the cookie, and the requests for which it does not suffice."""
 
 from collections.abc import Callable, Iterator
 from http.cookies import SimpleCookie
@@ -14,7 +14,7 @@ from tests.service.conftest import Serve
 from tests.service.security.conftest import Guarded, without_recognition
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
-OURS = {"X-Pointchain": "console"}
+CONSOLE_HEADER = {"X-Pointchain": "console"}
 
 
 def token_of(guarded: Guarded, role: str) -> str:
@@ -23,7 +23,7 @@ def token_of(guarded: Guarded, role: str) -> str:
 
 @pytest.fixture
 def browser(guarded: Guarded) -> Iterator[httpx.Client]:
-    """Keeps cookies, as a browser does; nobody is signed in."""
+    """A client that keeps cookies like a browser. It is not signed in."""
     with httpx.Client(base_url=guarded.client.base_url) as browser:
         yield browser
 
@@ -32,32 +32,32 @@ def sign_in(browser: httpx.Client, token: str, **headers: str) -> httpx.Response
     return browser.post("/api/session", json={"token": token}, headers=headers)
 
 
-def test_signed_in_by_a_token_once_and_out_again(
+def test_a_browser_signs_in_with_a_token_and_out_again(
     guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
 ) -> None:
     assert browser.get("/api/session").json() == {"caller": None}
-    answer = sign_in(browser, f" {token_of(guarded, 'operator')}\n")  # as it is pasted
-    told = {"caller": {"name": "operator", "role": "operator", "local": False}}
-    assert answer.json() == told == browser.get("/api/session").json()
+    answer = sign_in(browser, f" {token_of(guarded, 'operator')}\n")  # with the white space of a paste
+    session = {"caller": {"name": "operator", "role": "operator", "local": False}}
+    assert answer.json() == session == browser.get("/api/session").json()
     assert browser.get("/api/cell").status_code == 200
-    assert_problem(browser.post("/api/cell/acknowledge", headers=OURS), 403, "forbidden")
+    assert_problem(browser.post("/api/cell/acknowledge", headers=CONSOLE_HEADER), 403, "forbidden")
     assert browser.delete("/api/session").json() == {"caller": None}
     assert not browser.cookies
     assert_problem(browser.get("/api/cell"), 401, "unauthorized")
 
 
-def test_the_cookie_is_of_no_use_to_scripts_and_to_other_sites(guarded: Guarded, browser: httpx.Client) -> None:
-    told = sign_in(browser, token_of(guarded, "viewer")).headers["set-cookie"]
-    (cookie,) = SimpleCookie(told).values()
+def test_the_cookie_is_hidden_from_scripts_and_other_sites(guarded: Guarded, browser: httpx.Client) -> None:
+    header = sign_in(browser, token_of(guarded, "viewer")).headers["set-cookie"]
+    (cookie,) = SimpleCookie(header).values()
     assert cookie.key == f"pointchain_{guarded.client.base_url.port}"
     assert (cookie["httponly"], cookie["samesite"], cookie["path"]) == (True, "Strict", "/")
-    assert not cookie["secure"]  # a cell without TLS could not be signed in to
+    assert not cookie["secure"]  # else nobody could sign in to a cell without TLS
     assert not cookie["domain"]
     scope = {"headers": [(b"host", b"cell.example"), (b"origin", b"https://cell.example")]}
     assert "Secure" in session_cookie(scope, "x")
 
 
-def test_what_is_no_token_signs_nobody_in(
+def test_an_invalid_token_does_not_sign_in(
     guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
 ) -> None:
     for wrong in ("", "x", PREFIX + "a" * 43, token_of(guarded, "viewer")[:-1]):
@@ -67,10 +67,10 @@ def test_what_is_no_token_signs_nobody_in(
     assert_problem(browser.post("/api/session", json={"token": "x" * 201}), 422, "invalid-request")
 
 
-def test_the_cookie_alone_changes_nothing(
+def test_the_cookie_alone_cannot_change_anything(
     guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
 ) -> None:
-    """A page of another port of this host is the same site: its requests carry the cookie too."""
+    """A page of another port of this host is the same site, so its requests carry the cookie too."""
     sign_in(browser, token_of(guarded, "maintainer"))
     origin = str(guarded.client.base_url).rstrip("/")
     for headers in (
@@ -82,26 +82,26 @@ def test_the_cookie_alone_changes_nothing(
     ):
         assert_problem(browser.post("/api/cell/acknowledge", headers=headers), 403, "cross-origin")
         assert_problem(browser.request("PUT", "/api/scans/x/keep", headers=headers), 403, "cross-origin")
-    for headers in (OURS, OURS | {"Origin": origin}, {"Sec-Fetch-Site": "same-origin"}):
-        # It came as far as the cell, which has no fault, or is busy with what another test asked of it.
+    for headers in (CONSOLE_HEADER, CONSOLE_HEADER | {"Origin": origin}, {"Sec-Fetch-Site": "same-origin"}):
+        # The request reached the cell, which has no fault, or is busy with a request of another test.
         assert browser.post("/api/cell/acknowledge", headers=headers).status_code == 409
 
 
-def test_no_page_of_another_port_takes_the_streams(
+def test_a_page_of_another_port_cannot_open_event_streams(
     guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
 ) -> None:
     sign_in(browser, token_of(guarded, "viewer"))
     assert_problem(browser.get("/api/events"), 403, "cross-origin")
     assert_problem(browser.get("/api/scans/x/events"), 403, "cross-origin")
-    with browser.stream("GET", "/api/events", headers=OURS) as answer:
+    with browser.stream("GET", "/api/events", headers=CONSOLE_HEADER) as answer:
         assert answer.status_code == 200
     assert browser.get("/api/scans").status_code == 200  # a link may be followed
 
 
-def test_a_token_in_the_header_counts_before_the_cookie(guarded: Guarded, browser: httpx.Client) -> None:
+def test_a_token_in_the_header_precedes_the_cookie(guarded: Guarded, browser: httpx.Client) -> None:
     sign_in(browser, token_of(guarded, "maintainer"))
-    told = browser.get("/api/session", headers=guarded.headers["viewer"]).json()
-    assert told["caller"]["role"] == "viewer"
+    session = browser.get("/api/session", headers=guarded.headers["viewer"]).json()
+    assert session["caller"]["role"] == "viewer"
 
 
 def test_a_removed_token_is_signed_out_at_once(
@@ -111,38 +111,38 @@ def test_a_removed_token_is_signed_out_at_once(
     assert browser.get("/api/cell").status_code == 200
     remove_token(guarded.data, "guest")
     assert_problem(browser.get("/api/cell"), 401, "unauthorized")
-    assert_problem(browser.post("/api/cell/stop", headers=OURS), 401, "unauthorized")
+    assert_problem(browser.post("/api/cell/stop", headers=CONSOLE_HEADER), 401, "unauthorized")
     assert browser.get("/api/session").json() == {"caller": None}
 
 
-def test_a_cookie_of_former_times_shuts_nobody_out(serve: Serve, tmp_path: Path) -> None:
-    """Where no token is needed any more."""
+def test_an_old_cookie_does_not_lock_out_a_local_client(serve: Serve, tmp_path: Path) -> None:
+    """The tokens were removed, so that none is needed any more."""
     with without_recognition(serve, tmp_path) as client:
         client.cookies.set(f"pointchain_{client.base_url.port}", PREFIX + "a" * 43)
         assert client.get("/api/session").json() == {"caller": {"name": "local", "role": "maintainer", "local": True}}
         assert client.get("/api/cell").status_code == 200
 
 
-def test_two_such_cookies_are_none(guarded: Guarded) -> None:
-    """A page of another port can set one for a longer path, which would come first."""
+def test_two_cookies_of_the_same_name_are_ignored(guarded: Guarded) -> None:
+    """A page of another port can set a cookie for a longer path, which the browser sends first."""
     name = f"pointchain_{guarded.client.base_url.port}"
     both = f"{name}={token_of(guarded, 'viewer')}; other=1; {name}={token_of(guarded, 'maintainer')}"
     for cookie, known in ((both, False), (both.partition(";")[0], True)):
-        told = guarded.client.get("/api/session", headers={"Cookie": cookie}).json()
-        assert (told["caller"] is not None) is known
+        session = guarded.client.get("/api/session", headers={"Cookie": cookie}).json()
+        assert (session["caller"] is not None) is known
 
 
 @pytest.mark.parametrize(
     ("host", "name"),
     [("cell", "pointchain"), ("cell:8000", "pointchain_8000"), ("[::1]:80", "pointchain_80"), ("[::1]", "pointchain")],
 )
-def test_two_services_of_one_host_have_two_cookies(host: str, name: str) -> None:
+def test_each_port_of_a_host_has_its_own_cookie(host: str, name: str) -> None:
     scope = {"headers": [(b"host", host.encode()), (b"cookie", f"x_{name}=pct_a; {name}=pct_b".encode())]}
     assert cookie_name(scope) == name
     assert token_in_cookie(scope) == "pct_b"
 
 
-def test_signing_in_is_in_the_audit_log_without_the_token(
+def test_the_audit_log_has_each_sign_in_without_the_token(
     guarded: Guarded, browser: httpx.Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     sign_in(browser, token_of(guarded, "operator"))

@@ -1,4 +1,4 @@
-"""How much is read of what is sent, and how long it is waited for."""
+"""The limits of the size of a request, and of the time in which it must arrive."""
 
 import asyncio
 import socket
@@ -13,31 +13,31 @@ from starlette.types import Message, Receive, Scope, Send
 
 from service.api.problem_handlers import install_problem_handlers
 from service.problems.problem_error import ProblemError
-from service.security.middleware.body_limits import BodyLimits, Patience
+from service.security.middleware.body_limits import BodyLimits, BodyTimeouts
 from service.server.connections import GuardedConnection
 from tests.service.conftest import ServedClient, wait_until
 from tests.service.security.conftest import Guarded, ServeApp, connect, port_of, read_all
 
 AssertProblem = Callable[[httpx.Response, int, str], str]
 
-QUICK = Patience(chunk_s=0.3, request_s=0.6, upload_grace_s=0.4, upload_bytes_per_s=10_000)
+QUICK = BodyTimeouts(chunk_s=0.3, request_s=0.6, upload_grace_s=0.4, upload_min_bytes_per_s=10_000)
 
 
-def echo(patience: Patience = QUICK) -> FastAPI:
-    """Takes bodies, and says how large they were."""
+def echo(timeouts: BodyTimeouts = QUICK) -> FastAPI:
+    """Return an application that answers with the size of the body."""
     app = FastAPI()
-    app.add_middleware(BodyLimits, request_bytes=1000, upload_bytes=100_000, upload_path="/upload", patience=patience)
+    app.add_middleware(BodyLimits, request_bytes=1000, upload_bytes=100_000, upload_path="/upload", timeouts=timeouts)
     install_problem_handlers(app)
 
     @app.post("/{anything}")
-    async def take(request: Request) -> int:
+    async def body_size(request: Request) -> int:
         return len(await request.body())
 
     return app
 
 
 def send_slowly(port: int, head: str, part: bytes, pause_s: float, times: int) -> bytes:
-    """Sends a head, then a part again and again, until the service has had enough; what it answered."""
+    """Send a head and then a part repeatedly until the service answers; return the answer."""
     with connect(port) as connection:
         connection.sendall(head.encode())
         connection.settimeout(pause_s)
@@ -57,7 +57,7 @@ def head_of(path: str, length: int | None) -> str:
     return f"POST {path} HTTP/1.1\r\nHost: localhost\r\n{size}\r\n\r\n"
 
 
-def test_a_body_that_comes_too_slowly_is_not_waited_for(serve_app: ServeApp) -> None:
+def test_a_slow_body_is_refused(serve_app: ServeApp) -> None:
     with serve_app(echo()) as port:
         silent = send_slowly(port, head_of("/x", 100), b"", 0.1, 100)
         steady = send_slowly(port, head_of("/x", 1000), b"a", 0.1, 100)  # a byte each time, which would take 100 s
@@ -66,7 +66,7 @@ def test_a_body_that_comes_too_slowly_is_not_waited_for(serve_app: ServeApp) -> 
         for answer in (silent, steady, chunked, upload):
             assert answer.startswith(b"HTTP/1.1 408 "), answer
             assert b"urn:pointchain:too-slow" in answer
-        # One that is slow but steady enough: 20 kB/s, for longer than any other body may take.
+        # Slow but above the minimum rate: 20 kB/s, for longer than the timeout of any other body.
         with connect(port) as connection:
             connection.sendall(head_of("/upload", 20_000).encode())
             for _ in range(10):
@@ -75,15 +75,15 @@ def test_a_body_that_comes_too_slowly_is_not_waited_for(serve_app: ServeApp) -> 
             assert b"200 OK" in connection.recv(65536)
 
 
-def test_an_idle_connection_behind_a_body_is_not_called_slow(serve_app: ServeApp) -> None:
+def test_an_idle_connection_after_a_body_is_not_slow(serve_app: ServeApp) -> None:
     with serve_app(echo()) as port, httpx.Client(base_url=f"http://127.0.0.1:{port}") as client:
         for _ in range(2):
             assert client.post("/x", content=b"abc").json() == 3
             time.sleep(2 * QUICK.request_s)
 
 
-def test_who_waits_for_the_end_of_a_connection_may_wait() -> None:
-    """As an event stream does; the body has come."""
+def test_the_end_of_a_connection_has_no_timeout() -> None:
+    """An event stream waits for it after the body has arrived."""
     seen = []
 
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
@@ -108,7 +108,7 @@ def test_who_waits_for_the_end_of_a_connection_may_wait() -> None:
     assert seen == ["http.request", "http.disconnect"]
 
 
-def test_once_the_answer_is_under_way_a_bad_body_is_the_end_of_the_connection() -> None:
+def test_after_the_start_of_the_answer_a_bad_body_counts_as_a_disconnect() -> None:
     async def app(scope: Scope, receive: Receive, send: Send) -> None:
         with pytest.raises(ProblemError):
             await receive()
@@ -123,31 +123,29 @@ def test_once_the_answer_is_under_way_a_bad_body_is_the_end_of_the_connection() 
         asyncio.run(BodyLimits(app, 1000, 1000, "/upload", QUICK)(scope, nothing, nothing))  # type: ignore[arg-type]
 
 
-def test_a_body_of_somebody_unknown_is_not_read(guarded: Guarded) -> None:
+def test_the_body_of_an_unknown_caller_is_not_read(guarded: Guarded) -> None:
     with connect(port_of(guarded.client)) as connection:
-        connection.sendall(head_of("/api/recordings", 10 * 2**30).encode())  # and nothing of the body
+        connection.sendall(head_of("/api/recordings", 10 * 2**30).encode())  # without any of the body
         answer = read_all(connection)
     assert answer.startswith(b"HTTP/1.1 401 ")
 
 
 @pytest.mark.parametrize("headers", [{"Content-Encoding": "gzip"}, {"Content-Type": "multipart/form-data; boundary=b"}])
 @pytest.mark.parametrize("path", ["/api/scans", "/api/recordings"])
-def test_a_body_that_is_not_sent_as_it_is_is_refused_by_name(
+def test_an_encoded_body_is_refused_by_name(
     client: ServedClient, assert_problem: AssertProblem, path: str, headers: dict[str, str]
 ) -> None:
     detail = assert_problem(client.post(path, content=b"abc", headers=headers), 415, "encoded-body")
     assert "as it is" in detail
 
 
-def test_json_that_is_not_said_to_be_json_is_refused_by_name(
-    client: ServedClient, assert_problem: AssertProblem
-) -> None:
-    form = {"Content-Type": "application/x-www-form-urlencoded"}  # what curl sends unless told
+def test_json_with_another_content_type_is_refused_by_name(client: ServedClient, assert_problem: AssertProblem) -> None:
+    form = {"Content-Type": "application/x-www-form-urlencoded"}  # the default of curl
     answer = client.post("/api/scans", content=b'{"mode": "live"}', headers=form)
     assert "send application/json" in assert_problem(answer, 422, "invalid-request")
     wrong = client.post("/api/scans", json={"mode": "alive"})
     assert "application/json" not in assert_problem(wrong, 422, "invalid-request")
-    # Without a body, as curl sends it with -X POST -d "".
+    # An empty body, as curl sends it with -X POST -d "".
     assert client.post("/api/cell/stop", content=b"", headers=form).status_code == 200
 
 
@@ -168,17 +166,17 @@ def test_a_long_address_and_large_headers_are_refused(client: ServedClient, asse
         assert read_all(connection).startswith(b"HTTP/1.1 400 ")
 
 
-class Hasty(GuardedConnection):
-    """Waits less long."""
+class ShortTimeout(GuardedConnection):
+    """A connection with a short timeout."""
 
     HEAD_S = 0.4
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(head_s=self.HEAD_S, **options)
+        super().__init__(head_timeout_s=self.HEAD_S, **options)
 
 
-def test_half_a_head_does_not_keep_a_connection(serve_app: ServeApp) -> None:
-    with serve_app(echo(), http=Hasty) as port:
+def test_an_incomplete_head_does_not_keep_a_connection(serve_app: ServeApp) -> None:
+    with serve_app(echo(), http=ShortTimeout) as port:
         with connect(port) as connection:  # nothing at all
             assert read_all(connection) == b""
         slow = send_slowly(port, "POST /x HTTP/1.1\r\nHost: localhost\r\n", b"X-A: b\r\n", 0.1, 100)
@@ -186,7 +184,7 @@ def test_half_a_head_does_not_keep_a_connection(serve_app: ServeApp) -> None:
         assert b"urn:pointchain:too-slow" in slow
         empty = send_slowly(port, "\r\n", b"\r\n", 0.1, 100)
         assert empty == b"" or empty.startswith(b"HTTP/1.1 4")
-        # The same behind a request that was answered, and pipelined behind one.
+        # The same after an answered request, and pipelined after one.
         whole = "POST /x HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n\r\n"
         with connect(port) as connection:
             connection.sendall(whole.encode())
@@ -198,32 +196,32 @@ def test_half_a_head_does_not_keep_a_connection(serve_app: ServeApp) -> None:
         assert b"HTTP/1.1 408 " in piped
 
 
-def test_between_requests_a_connection_stays_open(serve_app: ServeApp) -> None:
+def test_a_connection_stays_open_between_requests(serve_app: ServeApp) -> None:
     request = b"POST /x HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n\r\nab"
-    with serve_app(echo(), http=Hasty) as port, connect(port) as connection, connection.makefile("rb") as file:
+    with serve_app(echo(), http=ShortTimeout) as port, connect(port) as connection, connection.makefile("rb") as file:
         for _ in range(3):
             connection.sendall(request)
             assert b"200 OK" in file.readline()
             while file.readline().strip():
                 pass
             assert file.read(1) == b"2"
-            time.sleep(2 * Hasty.HEAD_S)
+            time.sleep(2 * ShortTimeout.HEAD_S)
 
 
-def test_a_body_that_nobody_wants_does_not_keep_a_connection(serve_app: ServeApp) -> None:
+def test_an_unread_body_does_not_keep_a_connection(serve_app: ServeApp) -> None:
     app = FastAPI()
 
     @app.post("/x")
-    async def take_nothing() -> None: ...
+    async def ignore_body() -> None: ...
 
-    with serve_app(app, http=Hasty) as port, connect(port) as connection:
+    with serve_app(app, http=ShortTimeout) as port, connect(port) as connection:
         connection.sendall(head_of("/x", 10_000).encode())
         assert b"200 OK" in connection.recv(65536)
-        wait_until(lambda: not taken(connection, b"a"))
+        wait_until(lambda: not accepts(connection, b"a"))
 
 
-def taken(connection: socket.socket, data: bytes) -> bool:
-    """Whether the other side still takes something."""
+def accepts(connection: socket.socket, data: bytes) -> bool:
+    """Return whether the other side still accepts data."""
     try:
         connection.sendall(data)
     except (BrokenPipeError, ConnectionResetError):
@@ -231,7 +229,7 @@ def taken(connection: socket.socket, data: bytes) -> bool:
     return True
 
 
-def test_what_is_no_http_is_told_so(client: ServedClient) -> None:
+def test_invalid_http_gets_a_problem_document(client: ServedClient) -> None:
     tls = b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + b"\0" * 64 + b"\r\n\r\n"
     for nonsense in (tls, b"GET  /\r\n\r\n", b"\0" * 100 + b"\r\n\r\n"):
         with connect(port_of(client)) as connection:

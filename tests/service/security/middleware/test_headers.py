@@ -1,4 +1,4 @@
-"""Headers of answers."""
+"""The security headers of answers."""
 
 import httpx
 import pytest
@@ -7,7 +7,7 @@ from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
 
-def has_headers(answer: httpx.Response) -> None:
+def assert_headers(answer: httpx.Response) -> None:
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["x-frame-options"] == "DENY"
     assert answer.headers["referrer-policy"] == "no-referrer"
@@ -17,12 +17,12 @@ def has_headers(answer: httpx.Response) -> None:
     assert "server" not in answer.headers
 
 
-def test_every_answer_has_them(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_answer_has_the_headers(client: ServedClient, monkeypatch: pytest.MonkeyPatch) -> None:
     for path in ("/api/cell", "/healthz", "/docs", "/api/none", "/api/scans/x", "/api/scans?token=x"):
         answer = client.get(path)
-        has_headers(answer)
+        assert_headers(answer)
         assert answer.headers["cache-control"] == "no-store"
-    has_headers(client.get("/healthz", headers={"Host": "evil.example"}))
+    assert_headers(client.get("/healthz", headers={"Host": "evil.example"}))
 
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("on purpose")
@@ -30,19 +30,19 @@ def test_every_answer_has_them(client: ServedClient, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Store, "scan", fail)
     unexpected = client.get("/api/scans/x")
     assert unexpected.status_code == 500
-    has_headers(unexpected)
+    assert_headers(unexpected)
     assert unexpected.headers["cache-control"] == "no-store"
-    assert unexpected.headers["connection"] == "close"  # as it is
+    assert unexpected.headers["connection"] == "close"  # uvicorn closes the connection
 
 
-def test_a_file_is_asked_for_again_before_it_is_shown_from_a_cache(client: ServedClient, recording: str) -> None:
+def test_a_cache_must_revalidate_a_file(client: ServedClient, recording: str) -> None:
     answer = client.get(f"/api/recordings/{recording}/file")
     assert answer.headers["cache-control"] == "no-cache"
     assert answer.headers["etag"]
-    has_headers(answer)
+    assert_headers(answer)
 
 
-def test_scripts_come_from_files_only(client: ServedClient) -> None:
+def test_inline_scripts_are_forbidden(client: ServedClient) -> None:
     for path in ("/docs", "/api/cell"):
         policy = client.get(path).headers["content-security-policy"]
         assert "script-src" not in policy

@@ -1,68 +1,77 @@
 import { useEffect, useState } from "preact/hooks";
-import { api, slowly, told } from "../net/api";
-import { cell, why } from "../state/cell";
-import { askNow } from "../state/follow";
+import { api, longCall, resultOf } from "../net/api";
+import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
-import { maintains } from "../state/session";
+import { canMaintain } from "../state/session";
+import { refreshNow } from "../state/updates";
+import { problemTitle } from "../texts/problem";
+import { sentence } from "../texts/sentence";
+import { findText, t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { WhatToDo } from "../ui/manual";
-import checkFirst from "../words/check_first.json";
-import { sentence } from "../words/sentence";
 
-/** What to check before a fault is acknowledged. */
-function checks(slug: string | null): readonly string[] {
-  return checkFirst[(slug ?? "") as keyof typeof checkFirst] ?? checkFirst["motion-failed"];
+/** Return what to check before a fault is acknowledged: the texts 1, 2, ... of its problem. */
+function checksOf(slug: string): string[] {
+  const checks: string[] = [];
+  for (;;) {
+    const check = findText(`fault.check.${slug}.${checks.length + 1}`);
+    if (check === undefined) return checks;
+    checks.push(check);
+  }
 }
 
-/** After a fault: what happened, what to check, and, for a maintainer, that he has. On every screen. */
+/** After a fault, on every screen: what happened, what to check and, for a maintainer, the acknowledgement. */
 export function Fault() {
   if (cell.value?.state !== "fault") return null;
+  const slug = problemSlug.value;
+  const specific = checksOf(slug ?? "");
+  const checks = specific.length > 0 ? specific : checksOf("motion-failed");
   return (
-    <section class="panel fault" aria-label="Fault">
-      <h2>{sentence(cell.value.reason ?? "There was a fault")}</h2>
-      <p>Nothing moves before a maintainer has looked at the cell and acknowledges this. Check first:</p>
+    <section class="panel fault" aria-label={t("fault.region")}>
+      <h2>{sentence(problemTitle(slug, cell.value.reason ?? t("fault.title")))}</h2>
+      <p>{t("fault.intro")}</p>
       <ol>
-        {checks(why.value).map((check) => (
+        {checks.map((check) => (
           <li key={check}>{check}</li>
         ))}
       </ol>
       <p>
         <WhatToDo problem={cell.value.problem} />
       </p>
-      {maintains.value ? <Acknowledge /> : <p class="note warn">Ask a maintainer to look at the cell and acknowledge.</p>}
+      {canMaintain.value ? <Acknowledge /> : <p class="note warn">{t("fault.ask_maintainer")}</p>}
     </section>
   );
 }
 
 function Acknowledge() {
-  const [looked, setLooked] = useState(false);
+  const [checked, setChecked] = useState(false);
   const action = useAction();
   const wait_s = useCountdown(action.failure?.slug === "too-early" ? (action.failure.retryAfter_s ?? 1) : 0);
   return (
     <>
       <label class="tick">
-        <input type="checkbox" checked={looked} onChange={(event) => setLooked(event.currentTarget.checked)} />
-        I have looked at the cell, and all of this is so.
+        <input type="checkbox" checked={checked} onChange={(event) => setChecked(event.currentTarget.checked)} />
+        {t("fault.checked")}
       </label>
       <button
         type="button"
         class="main"
-        disabled={!looked || action.busy || wait_s > 0 || lost.value}
+        disabled={!checked || action.busy || wait_s > 0 || lost.value}
         onClick={() =>
           void action.run(async () => {
-            cell.value = await told(api.POST("/api/cell/acknowledge", slowly));
-            askNow();
+            cell.value = await resultOf(api.POST("/api/cell/acknowledge", longCall));
+            refreshNow();
           })
         }
       >
-        {wait_s > 0 ? `The robot needs a moment: again in ${wait_s} s` : "Acknowledge: nothing moves"}
+        {wait_s > 0 ? t("fault.wait", { count: wait_s }) : t("fault.acknowledge")}
       </button>
       <Failed failure={action.failure} />
     </>
   );
 }
 
-/** Seconds until it is over, counting down whenever `from_s` is told anew. */
+/** Count down the seconds from `from_s`, and start again whenever it changes. */
 function useCountdown(from_s: number): number {
   const [left_s, setLeft] = useState(0);
   useEffect(() => {

@@ -1,27 +1,29 @@
 import { computed } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { calibration, cell } from "../state/cell";
-import { lastHeard, lost, silent_s } from "../state/freshness";
-import { live } from "../state/follow";
-import { running } from "../state/scans";
-import { caller, operates } from "../state/session";
 import type { Cell } from "../net/api";
 import { addressOf } from "../route";
+import { calibration, cell } from "../state/cell";
+import { lastAnswer, lost, silence_s } from "../state/freshness";
+import { running } from "../state/scans";
+import { caller, canOperate } from "../state/session";
+import { live } from "../state/updates";
+import { clock, span } from "../texts/format";
+import { problemTitle, slugOf } from "../texts/problem";
+import { sentence } from "../texts/sentence";
+import { CELL_TONES, scanWord, SHAPES, type Tone, verdictWord } from "../texts/states";
+import { findText, t } from "../texts/translate";
 import { WhatToDo } from "../ui/manual";
-import { sentence } from "../words/sentence";
-import { CELL, SCAN, SHAPES, VERDICTS, words, type Look } from "../words/states";
-import { clock, span } from "../words/units";
 
 /** A state: word, shape and colour. */
-export function Badge({ look, children }: { look: Look; children: string }) {
+export function Badge({ tone, children }: { tone: Tone; children: string }) {
   return (
-    <strong class={`badge ${look}`}>
-      <span aria-hidden="true">{SHAPES[look]}</span> {children}
+    <strong class={`badge ${tone}`}>
+      <span aria-hidden="true">{SHAPES[tone]}</span> {children}
     </strong>
   );
 }
 
-/** What is always in sight of the cell. */
+/** The part of the bar that shows the cell. */
 export function Status() {
   return (
     <>
@@ -31,7 +33,7 @@ export function Status() {
         <Camera />
         <CalibrationFact />
       </dl>
-      <p class="small news">{newsWords()}</p>
+      <p class="small news">{newsText()}</p>
     </>
   );
 }
@@ -41,98 +43,113 @@ function State() {
   if (caller.value === null) {
     return (
       <div class="state" role="status">
-        <Badge look="none">Nobody is signed in</Badge>
-        <p>Sign in below to see the cell, and to be able to stop the arm from here.</p>
+        <Badge tone="none">{t("state.signed_out.title")}</Badge>
+        <p>{t("state.signed_out.detail")}</p>
       </div>
     );
   }
   const now = cell.value;
-  if (now === null) return <p class="state">Asking the cell ...</p>;
-  const { word, look } = CELL[now.state];
+  if (now === null) return <p class="state">{t("state.waiting")}</p>;
+  const state = t(`state.cell.${now.state}`);
   const scan = running.value;
-  const doing = scan === null ? word : `${word}: ${SCAN[scan.state].word.toLowerCase()}`;
+  const busyWith =
+    scan === null ? state : t("state.busy_with", { state, activity: scanWord(scan.state).toLowerCase() });
   return (
     <div class="state" role="status">
-      <Badge look={look}>{now.state === "busy" ? doing : word}</Badge>
+      <Badge tone={CELL_TONES[now.state]}>{now.state === "busy" ? busyWith : state}</Badge>
       <p>
-        {reasonWords(now)} {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
+        {reasonText(now)} {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
       </p>
     </div>
   );
 }
 
-/** Why the cell is as it is; what to do about it is told to those who may do it. */
-function reasonWords({ reason }: Cell): string {
-  if (reason === null) return operates.value ? "Press Scan when the table is as it should be." : "It waits for a scan.";
-  return sentence(operates.value ? reason : reason.replace(/: connect, or start a live scan$/, ""));
+/** Return why the cell is in its state. The hint what to do is only for callers who may do it. */
+function reasonText({ reason, problem }: Cell): string {
+  if (reason === null) return canOperate.value ? t("state.ready.operator") : t("state.ready.viewer");
+  const shown = canOperate.value ? reason : reason.replace(/: connect, or start a live scan$/, "");
+  return sentence(problemTitle(problem && slugOf(problem), shown));
 }
 
 function LostState() {
-  const heard = lastHeard();
+  const answered = lastAnswer();
   return (
     <div class="state" role="alert">
-      <Badge look="none">Not known: no connection</Badge>
+      <Badge tone="none">{t("state.lost.title")}</Badge>
       <p>
-        {heard === null ? "The service has not answered yet." : `Last heard at ${clock(heard)}. What the page shows is as it was then.`}{" "}
-        Stop is sent again and again once it is pressed, but nobody knows whether it gets through: if in doubt, use the
-        emergency stop.
+        {answered === null ? t("state.lost.never") : t("state.lost.since", { time: clock(answered) })}{" "}
+        {t("state.lost.stop")}
       </p>
     </div>
   );
 }
 
-function Fact({ name, look, children }: { name: string; look: Look; children: ComponentChildren }) {
+function Fact({ name, tone, children }: { name: string; tone: Tone; children: ComponentChildren }) {
   return (
-    <div class={look}>
+    <div class={tone}>
       <dt>{name}</dt>
       <dd>
-        <span aria-hidden="true">{SHAPES[look]}</span> {children}
+        <span aria-hidden="true">{SHAPES[tone]}</span> {children}
       </dd>
     </div>
   );
 }
 
-/** What was told last can be taken for what is. */
+/** Whether the last known state is still valid. */
 const fresh = computed(() => !lost.value && Boolean(caller.value));
 
-/** Says so where a device is simulated: an operator must not take it for a real one. */
-function kindWords(device: { kind: string }): string {
-  return device.kind === "simulated" ? " (simulated)" : "";
+/** Mark a simulated device: an operator must not mistake it for a real one. */
+function withKind(text: string, device: { kind: string }): string {
+  return device.kind === "simulated" ? t("state.robot.simulated", { text }) : text;
 }
 
 function Robot() {
   const robot = cell.value?.robot;
-  if (!robot || !fresh.value) return <Fact name="Robot" look="none">not known</Fact>;
+  const name = t("state.robot.label");
+  if (!robot || !fresh.value) return <Fact name={name} tone="none">{t("common.unknown")}</Fact>;
   const { robot_mode, safety_mode } = robot;
   if (robot_mode === null || safety_mode === null) {
-    const unheard = cell.value?.state === "fault" && robot.age_s !== null;
-    const words = unheard ? `not heard for ${span(robot.age_s ?? 0)}: see its pendant` : `${robot.model}, not connected${kindWords(robot)}`;
-    return <Fact name="Robot" look={unheard ? "warn" : "none"}>{words}</Fact>;
+    if (cell.value?.state === "fault" && robot.age_s !== null) {
+      return <Fact name={name} tone="warn">{t("state.robot.no_answer", { time: span(robot.age_s) })}</Fact>;
+    }
+    return <Fact name={name} tone="none">{withKind(t("state.robot.not_connected", { model: robot.model }), robot)}</Fact>;
   }
   const safe = safety_mode === "normal" || safety_mode === "reduced";
-  const look = !safe ? "bad" : robot_mode === "running" ? "good" : "warn";
-  const moves = robot.moving === true ? ", moving" : "";
-  return <Fact name="Robot" look={look}>{`${words(robot_mode)}${moves}; safety: ${words(safety_mode)}${kindWords(robot)}`}</Fact>;
+  const tone = !safe ? "bad" : robot_mode === "running" ? "good" : "warn";
+  const word = modeWord("mode", robot_mode);
+  const mode = robot.moving === true ? t("state.robot.moving", { mode: word }) : word;
+  const text = t("state.robot.modes", { mode, safety: modeWord("safety", safety_mode) });
+  return <Fact name={name} tone={tone}>{withKind(text, robot)}</Fact>;
+}
+
+/** Return the text for a mode of the robot; a mode without one is shown by its name. */
+function modeWord(kind: "mode" | "safety", name: string): string {
+  return findText(`state.robot.${kind}.${name}`) ?? name.replaceAll("_", " ");
 }
 
 function Camera() {
   const camera = cell.value?.camera;
-  if (!camera || !fresh.value) return <Fact name="Camera" look="none">not known</Fact>;
-  if (camera.width === null || cell.value?.state === "not_ready") return <Fact name="Camera" look="none">{`not connected${kindWords(camera)}`}</Fact>;
+  const name = t("state.camera.label");
+  if (!camera || !fresh.value) return <Fact name={name} tone="none">{t("common.unknown")}</Fact>;
+  const { width, height } = camera;
+  if (width === null || height === null || cell.value?.state === "not_ready") {
+    return <Fact name={name} tone="none">{withKind(t("state.camera.not_connected"), camera)}</Fact>;
+  }
   const [warning] = camera.warnings;
-  return <Fact name="Camera" look={warning ? "warn" : "good"}>{warning ?? `${camera.width} x ${camera.height}${kindWords(camera)}`}</Fact>;
+  const size = withKind(t("state.camera.size", { width, height }), camera);
+  return <Fact name={name} tone={warning ? "warn" : "good"}>{warning ?? size}</Fact>;
 }
 
 function CalibrationFact() {
   const known = calibration.value !== null && fresh.value;
   return (
-    <Fact name="Calibration" look={known ? calibrationLook() : "none"}>
-      <a href={addressOf("calibration")}>{known ? calibrationWords() : "not known"}</a>
+    <Fact name={t("state.calibration.label")} tone={known ? calibrationTone() : "none"}>
+      <a href={addressOf("calibration")}>{known ? calibrationText() : t("common.unknown")}</a>
     </Fact>
   );
 }
 
-function calibrationLook(): Look {
+function calibrationTone(): Tone {
   const used = calibration.value?.calibration;
   if (!used) return "bad";
   if (used.verdict === null) return "none";
@@ -140,15 +157,18 @@ function calibrationLook(): Look {
   return "good";
 }
 
-function calibrationWords(): string {
+function calibrationText(): string {
   const used = calibration.value?.calibration;
-  if (!used) return "none that can be used";
-  const verdict = used.verdict === null ? "not judged" : VERDICTS[used.verdict];
-  const age = used.age_s === null ? "age not known" : `${span(used.age_s)} old`;
-  return `${verdict}, ${age}${used.drift.drifted ? ", drifted" : ""}`;
+  if (!used) return t("state.calibration.none");
+  const verdict = verdictWord(used.verdict);
+  const text =
+    used.age_s === null
+      ? t("state.calibration.age_unknown", { verdict })
+      : t("state.calibration.age", { verdict, age: span(used.age_s) });
+  return used.drift.drifted ? t("state.calibration.drifted", { text }) : text;
 }
 
-function newsWords(): string {
-  if (lost.value) return `Nothing heard for ${span(silent_s.value)}`;
-  return live.value ? "Live" : "Asked for every few seconds";
+function newsText(): string {
+  if (lost.value) return t("state.news.lost", { time: span(silence_s.value) });
+  return live.value ? t("state.news.live") : t("state.news.polling");
 }

@@ -1,9 +1,11 @@
 import type { components } from "../../generated/api";
 import type { Run } from "../net/api";
+import { percent } from "../texts/format";
+import { t } from "../texts/translate";
 
 export type Kind = NonNullable<components["schemas"]["BoardRequest"]["kind"]>;
 
-/** A board, as far as a person at the table has to know it. */
+/** A calibration board, as far as an operator must know it. */
 export interface Board {
   kind: Kind;
   columns: number;
@@ -11,30 +13,26 @@ export interface Board {
   pitch_m: number;
 }
 
-/** What the service takes for whatever a request does not tell of the board. */
-export const USUAL: Board = { kind: "charuco", columns: 9, rows: 7, pitch_m: 0.026 };
+/** The board that the service assumes where a request names none. */
+export const DEFAULT_BOARD: Board = { kind: "charuco", columns: 9, rows: 7, pitch_m: 0.026 };
 
-export const KINDS: Record<Kind, string> = {
-  charuco: "ChArUco: a chessboard with markers",
-  checkerboard: "chessboard",
-  circles: "dots",
-};
+export const KINDS: readonly Kind[] = ["charuco", "checkerboard", "circles"];
 
-const SHORT: Record<Kind, string> = { charuco: "ChArUco", checkerboard: "chessboard", circles: "dots" };
-
-/** A board in words, as `ChArUco, 9 x 7 of 26 mm`; null: it does not tell. */
-export function boardWords(told: Board | Run["board"]): string | null {
-  if (told === null) return null;
-  const { kind, columns, rows, pitch_m } = told;
-  const name = Object.entries(SHORT).find(([one]) => one === kind)?.[1];
-  if (name === undefined || typeof pitch_m !== "number") return null;
-  return `${name}, ${columns} x ${rows} of ${+(pitch_m * 1000).toFixed(3)} mm`;
+/** Describe a board, such as `ChArUco, 9 x 7 of 26 mm`; null: it is unknown. */
+export function boardText(board: Board | Run["board"]): string | null {
+  if (board === null) return null;
+  const { columns, rows, pitch_m } = board;
+  const kind = KINDS.find((one) => one === board.kind);
+  if (kind === undefined || typeof pitch_m !== "number") return null;
+  const pitch = +(pitch_m * 1000).toFixed(3);
+  const name = t(`calibration.board.kind.${kind}`);
+  return t("calibration.board.description", { kind: name, columns: String(columns), rows: String(rows), pitch });
 }
 
-/** How large the views say that the board is, as `100.20 % ± 0.09 % of the size told`; null: they do not. */
-export function scaleWords(told: Run["board"]): string | null {
-  const { scale, scale_sigma } = told ?? {};
+/** Describe the measured size of a board, such as `100.20 % ± 0.09 % of the nominal size`; null: it is unknown. */
+export function scaleText(board: Run["board"]): string | null {
+  const { scale, scale_sigma } = board ?? {};
   if (typeof scale !== "number") return null;
-  const sure = typeof scale_sigma === "number" ? ` ± ${(scale_sigma * 100).toFixed(2)} %` : "";
-  return `${(scale * 100).toFixed(2)} %${sure} of the size told`;
+  if (typeof scale_sigma !== "number") return t("calibration.board.scale", { scale: percent(scale, 2) });
+  return t("calibration.board.scale_sigma", { scale: percent(scale, 2), sigma: percent(scale_sigma, 2) });
 }

@@ -1,7 +1,7 @@
 import type { components } from "../../generated/api";
-import { sentence } from "../words/sentence";
+import { sentence } from "../texts/sentence";
 
-/** What speaks against a calibration. */
+/** The findings about a calibration. */
 export function Findings({ findings }: { findings: readonly components["schemas"]["FindingResource"][] }) {
   return (
     <>

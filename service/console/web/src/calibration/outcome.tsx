@@ -1,74 +1,84 @@
-import { api, told, type Run } from "../net/api";
-import { askCalibration } from "../state/cell";
-import { maintains } from "../state/session";
+import { api, resultOf, type Run } from "../net/api";
+import { refreshCalibration } from "../state/cell";
+import { canMaintain } from "../state/session";
+import { mm, plusMinus, when } from "../texts/format";
+import { sentence } from "../texts/sentence";
+import { rich, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
 import { Hint } from "../ui/hint";
-import { sentence } from "../words/sentence";
-import { mm, when } from "../words/units";
-import { scaleWords } from "./board";
+import { scaleText } from "./board";
 import { Findings } from "./findings";
 import { Verdict } from "./verdict";
 
-/** What came of a run: the verdict first, and whether it is to be used. */
-export function Outcome({ run, changed }: { run: Run; changed: (run: Run) => void }) {
+interface OutcomeProps {
+  run: Run;
+  changed: (run: Run) => void;
+}
+
+/** The outcome of a run: its verdict, its figures, and the button that activates it. */
+export function Outcome({ run, changed }: OutcomeProps) {
   const { result, verification } = run;
   return (
     <>
-      {result && (
-        <>
-          <p>
-            The result: <Verdict verdict={result.verdict} />
-          </p>
-          <Findings findings={result.findings} />
-          <dl class="figures">
-            <dt>
-              <Hint term="sigma">Camera's place, sure to</Hint>
-            </dt>
-            <dd>± {orUnknown(result.metrics.sigma_m)}</dd>
-            <dt>Eight views agree within</dt>
-            <dd>{orUnknown(result.metrics.eight_views_m)}</dd>
-            <dt>Pictures used</dt>
-            <dd>
-              {result.metrics.views_used} of {result.metrics.views_given}
-              {verification && "; the others were kept to judge it by"}
-            </dd>
-            <dt>
-              <Hint term="board scale">Size of the board, by the views</Hint>
-            </dt>
-            <dd>{scaleWords(result.board) ?? "not known"}</dd>
-          </dl>
-        </>
-      )}
+      {result && <Result result={result} verified={verification !== null} />}
       {verification && (
         <p class={`note ${verification.passed ? "good" : "bad"}`}>
-          {verification.passed ? "✓ It holds on views that it was not made from. " : "⬣ It does not hold. "}
-          {sentence(verification.words)}
+          {verification.passed
+            ? t("calibration.outcome.passed", { message: sentence(verification.words) })
+            : t("calibration.outcome.failed", { message: sentence(verification.words) })}
         </p>
       )}
-      {run.activated_at !== null && <p class="note good">✓ In use since {when(run.activated_at)}.</p>}
+      {run.activated_at !== null && (
+        <p class="note good">{t("calibration.outcome.active_since", { when: when(run.activated_at) })}</p>
+      )}
       {run.activated_at === null && <Activate run={run} changed={changed} />}
     </>
   );
 }
 
-function orUnknown(metres: number | null): string {
-  return metres === null ? "not known" : mm(metres, 2);
+function Result({ result, verified }: { result: NonNullable<Run["result"]>; verified: boolean }) {
+  const { sigma_m, eight_views_m, views_used: used, views_given: total } = result.metrics;
+  const unknown = t("common.unknown");
+  return (
+    <>
+      <p>{rich("calibration.outcome.verdict", { verdict: <Verdict verdict={result.verdict} /> })}</p>
+      <Findings findings={result.findings} />
+      <dl class="figures">
+        <dt>
+          <Hint term="sigma">{t("calibration.sigma")}</Hint>
+        </dt>
+        <dd>{sigma_m === null ? unknown : plusMinus(sigma_m)}</dd>
+        <dt>{t("calibration.repeatability")}</dt>
+        <dd>{eight_views_m === null ? unknown : mm(eight_views_m, 2)}</dd>
+        <dt>{t("calibration.outcome.images")}</dt>
+        <dd>
+          {verified
+            ? t("calibration.outcome.images_verified", { used, total })
+            : t("calibration.outcome.images_of", { used, total })}
+        </dd>
+        <dt>
+          <Hint term="board_scale">{t("calibration.outcome.board_scale")}</Hint>
+        </dt>
+        <dd>{scaleText(result.board) ?? unknown}</dd>
+      </dl>
+    </>
+  );
 }
 
-function Activate({ run, changed }: { run: Run; changed: (run: Run) => void }) {
+function Activate({ run, changed }: OutcomeProps) {
   const action = useAction();
-  if (run.links.activate === null || !maintains.value) return null;
+  if (run.links.activate === null || !canMaintain.value) return null;
   return (
     <>
       <Act
         action={action}
         kind="main"
         work={async () => {
-          changed(await told(api.POST("/api/calibration/runs/{id}/activate", { params: { path: { id: run.id } } })));
-          await askCalibration();
+          changed(await resultOf(api.POST("/api/calibration/runs/{id}/activate", { params: { path: { id: run.id } } })));
+          await refreshCalibration();
         }}
       >
-        Use this calibration from now on
+        {t("calibration.outcome.activate")}
       </Act>
       <Failed failure={action.failure} />
     </>

@@ -1,87 +1,96 @@
 import { useState } from "preact/hooks";
-import { api, slowly, told, type Run } from "../net/api";
+import { api, longCall, resultOf, type Run } from "../net/api";
 import { calibration, cell } from "../state/cell";
-import { askNow } from "../state/follow";
+import { refreshNow } from "../state/updates";
+import { rich, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
 import { Hint } from "../ui/hint";
 import { NumberField } from "../ui/number_field";
-import { readNumber, type Limits } from "../words/number";
-import { boardWords, KINDS, USUAL, type Kind } from "./board";
+import { parseNumber, type Limits } from "../ui/parse_number";
+import { boardText, DEFAULT_BOARD, type Kind, KINDS } from "./board";
+
+/** Unit of the pitch. */
+const MM = 1000;
 
 type Name = "columns" | "rows" | "pitch_mm" | "poses";
 
-/** What can be told in numbers: its label, what it is unless told, and what it may be. */
-const NUMBERS: Record<Name, [string, number, Limits]> = {
-  columns: ["Columns", USUAL.columns, { min: 3, max: 100, whole: true }],
-  rows: ["Rows", USUAL.rows, { min: 3, max: 100, whole: true }],
-  pitch_mm: ["Side of a square, or dot to dot, in mm", USUAL.pitch_m * 1000, { min: 1, max: 500, unit: "mm" }],
-  poses: ["Poses", 15, { min: 10, max: 40, whole: true }],
+/** The numbers that can be entered: default and limits. */
+const NUMBERS: Record<Name, [number, Limits]> = {
+  columns: [DEFAULT_BOARD.columns, { min: 3, max: 100, whole: true }],
+  rows: [DEFAULT_BOARD.rows, { min: 3, max: 100, whole: true }],
+  pitch_mm: [DEFAULT_BOARD.pitch_m * MM, { min: 1, max: 500 }],
+  poses: [15, { min: 10, max: 40, whole: true }],
 };
 const NAMES = Object.keys(NUMBERS) as Name[];
 
-/** Begins a calibration or a verification: what to lay on the table, and which board that is. */
+/** Starts a calibration or a verification: how to prepare the table, and which board is used. */
 export function StartRun({ started }: { started: (run: Run) => void }) {
   const [kind, setKind] = useState<Kind | "">("");
-  const [written, write] = useState<Record<Name, string>>({ columns: "", rows: "", pitch_mm: "", poses: "" });
+  const [entered, setEntered] = useState<Record<Name, string>>({ columns: "", rows: "", pitch_mm: "", poses: "" });
   const action = useAction();
   const fault = cell.value?.state === "fault";
-  const reading = (name: Name) => readNumber(written[name], NUMBERS[name][2]);
-  const faulty = NAMES.some((name) => reading(name).fault !== null);
+  const numberOf = (name: Name) => {
+    const limits = NUMBERS[name][1];
+    return parseNumber(entered[name], name === "pitch_mm" ? { ...limits, unit: t("units.millimetres") } : limits);
+  };
+  const invalid = NAMES.some((name) => numberOf(name).fault !== null);
   const used = calibration.value?.calibration;
+  const usedBoard = boardText(used?.board ?? null);
+  const defaultBoard = t("calibration.start.default_board", { board: boardText(DEFAULT_BOARD) ?? "" });
 
-  async function begin(run: Promise<Run>): Promise<void> {
+  async function start(run: Promise<Run>): Promise<void> {
     started(await run);
-    askNow();
+    refreshNow();
   }
 
   function calibrate(): Promise<Run> {
-    const pitch_mm = reading("pitch_mm").value;
+    const pitch_mm = numberOf("pitch_mm").value;
     const board = {
       kind: kind === "" ? null : kind,
-      columns: reading("columns").value,
-      rows: reading("rows").value,
-      pitch_m: pitch_mm === null ? null : pitch_mm / 1000,
+      columns: numberOf("columns").value,
+      rows: numberOf("rows").value,
+      pitch_m: pitch_mm === null ? null : pitch_mm / MM,
     };
-    return told(api.POST("/api/calibration/runs", { body: { board, poses: reading("poses").value ?? NUMBERS.poses[1] }, ...slowly }));
+    const body = { board, poses: numberOf("poses").value ?? NUMBERS.poses[0] };
+    return resultOf(api.POST("/api/calibration/runs", { body, ...longCall }));
   }
 
   return (
-    <section class="panel" aria-label="Measure">
-      <h2>First</h2>
+    <section class="panel" aria-label={t("calibration.start.region")}>
+      <h2>{t("calibration.start.title")}</h2>
       <ol>
-        <li>
-          Lay the board flat on the table, in the middle of the workspace, and see that it cannot slip.{" "}
-          <Hint term="board">{`The usual one is ${boardWords(USUAL) ?? ""}`}</Hint>
-        </li>
-        <li>Take everything else off the table. The light is as in a scan, and no lamp is mirrored in the board.</li>
-        <li>Nobody is within reach of the arm.</li>
+        <li>{rich("calibration.start.lay_board", { default: <Hint term="board">{defaultBoard}</Hint> })}</li>
+        <li>{t("calibration.start.clear_table")}</li>
+        <li>{t("calibration.start.reach")}</li>
       </ol>
       <div class="row">
         <Act
           action={action}
-          work={() => begin(told(api.POST("/api/calibration/verify", slowly)))}
-          doing="Preparing ..."
-          disabled={fault || boardWords(used?.board ?? null) === null}
+          work={() => start(resultOf(api.POST("/api/calibration/verify", longCall)))}
+          doing={t("calibration.start.preparing")}
+          disabled={fault || usedBoard === null}
         >
-          Verify what is in use: the arm moves
+          {t("calibration.start.verify")}
         </Act>
         <span class="small">
-          {used && boardWords(used.board) === null
-            ? "What is in use does not tell of its board, so it cannot be verified: calibrate."
-            : "Two looks at the board that it was made with: does it still hold?"}
+          {used && usedBoard === null
+            ? t("calibration.start.verify_unknown_board")
+            : t("calibration.start.verify_hint")}
         </span>
       </div>
       <details>
-        <summary>Another board than the usual one, or another number of poses</summary>
+        <summary>{t("calibration.start.options")}</summary>
         <div class="row fields">
-          <Field label="Kind of board">
+          <Field label={t("calibration.start.kind")}>
             {(id) => (
               <select id={id} value={kind} onChange={(event) => setKind(event.currentTarget.value as Kind | "")}>
-                <option value="">as the usual one: {KINDS[USUAL.kind]}</option>
-                {Object.entries(KINDS).map(([value, words]) => (
+                <option value="">
+                  {t("calibration.start.kind_default", { kind: t(`calibration.board.kind_long.${DEFAULT_BOARD.kind}`) })}
+                </option>
+                {KINDS.map((value) => (
                   <option key={value} value={value}>
-                    {words}
+                    {t(`calibration.board.kind_long.${value}`)}
                   </option>
                 ))}
               </select>
@@ -90,18 +99,25 @@ export function StartRun({ started }: { started: (run: Run) => void }) {
           {NAMES.map((name) => (
             <NumberField
               key={name}
-              label={NUMBERS[name][0]}
-              reading={reading(name)}
-              write={(text) => write({ ...written, [name]: text })}
-              empty={String(NUMBERS[name][1])}
+              label={t(`calibration.start.${name}`)}
+              number={numberOf(name)}
+              write={(text) => setEntered({ ...entered, [name]: text })}
+              empty={String(NUMBERS[name][0])}
             />
           ))}
         </div>
       </details>
-      <Act action={action} kind="main" big work={() => begin(calibrate())} doing="Preparing ..." disabled={fault || faulty}>
-        Calibrate: the arm moves
+      <Act
+        action={action}
+        kind="main"
+        big
+        work={() => start(calibrate())}
+        doing={t("calibration.start.preparing")}
+        disabled={fault || invalid}
+      >
+        {t("calibration.start.calibrate")}
       </Act>
-      <p class="small">The result is not in use before you say so.</p>
+      <p class="small">{t("calibration.start.calibrate_hint")}</p>
       <Failed failure={action.failure} />
     </section>
   );

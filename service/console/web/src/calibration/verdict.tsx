@@ -1,12 +1,9 @@
 import { Badge } from "../bar/status";
-import { VERDICTS, type Look } from "../words/states";
+import { type Tone, type VerdictCode, verdictWord } from "../texts/states";
 
-type Judged = keyof typeof VERDICTS;
+const TONES: Record<VerdictCode, Tone> = { accept: "good", warn: "warn", refuse: "bad" };
 
-const LOOKS: Record<Judged, Look> = { accept: "good", warn: "warn", refuse: "bad" };
-
-/** What is thought of a calibration; null: it was never judged. */
-export function Verdict({ verdict }: { verdict: Judged | null }) {
-  if (verdict === null) return <Badge look="none">not judged</Badge>;
-  return <Badge look={LOOKS[verdict]}>{VERDICTS[verdict]}</Badge>;
+/** The verdict on a calibration; null: it was never judged. */
+export function Verdict({ verdict }: { verdict: VerdictCode | null }) {
+  return <Badge tone={verdict === null ? "none" : TONES[verdict]}>{verdictWord(verdict)}</Badge>;
 }

@@ -1,11 +1,12 @@
 import type { paths } from "../../generated/api";
+import { t } from "../texts/translate";
 import { Field } from "../ui/field";
 
-/** What scans are asked for. */
+/** The query parameters of the scan list. */
 export type Query = NonNullable<paths["/api/scans"]["get"]["parameters"]["query"]>;
 
-/** What a person has chosen; empty: all. */
-export interface Wanted {
+/** The chosen filters; empty: all scans. */
+export interface Filter {
   outcome: "" | "model" | "without" | "active";
   mode: "" | "live" | "replay";
   kept: boolean;
@@ -14,16 +15,16 @@ export interface Wanted {
   to: string;
 }
 
-export const ALL: Wanted = { outcome: "", mode: "", kept: false, from: "", to: "" };
+export const ALL: Filter = { outcome: "", mode: "", kept: false, from: "", to: "" };
 
-const OUTCOMES: Record<Exclude<Wanted["outcome"], "">, Query["state"]> = {
+const OUTCOMES: Record<Exclude<Filter["outcome"], "">, Query["state"]> = {
   model: ["succeeded", "partial"],
   without: ["failed", "aborted", "interrupted"],
   active: ["queued", "preflight", "scanning", "processing", "stopping"],
 };
 
-/** The same as the service takes it; days are the browser's own. */
-export function queryOf({ outcome, mode, kept, from, to }: Wanted): Query {
+/** Return the filters as query parameters; days are in the time zone of the browser. */
+export function queryOf({ outcome, mode, kept, from, to }: Filter): Query {
   return {
     ...(outcome === "" ? {} : { state: OUTCOMES[outcome] }),
     ...(mode === "" ? {} : { mode }),
@@ -34,47 +35,47 @@ export function queryOf({ outcome, mode, kept, from, to }: Wanted): Query {
 }
 
 interface FiltersProps {
-  wanted: Wanted;
-  want: (wanted: Wanted) => void;
+  filter: Filter;
+  setFilter: (filter: Filter) => void;
 }
 
-/** Which scans are listed. */
-export function Filters({ wanted, want }: FiltersProps) {
-  const set = (part: Partial<Wanted>) => want({ ...wanted, ...part });
+/** The filters of the list. */
+export function Filters({ filter, setFilter }: FiltersProps) {
+  const set = (part: Partial<Filter>) => setFilter({ ...filter, ...part });
   return (
     <form class="row filters" onSubmit={(event) => event.preventDefault()}>
-      <Field label="Outcome">
+      <Field label={t("history.filter.outcome")}>
         {(id) => (
           <select
             id={id}
-            value={wanted.outcome}
-            onChange={(event) => set({ outcome: event.currentTarget.value as Wanted["outcome"] })}
+            value={filter.outcome}
+            onChange={(event) => set({ outcome: event.currentTarget.value as Filter["outcome"] })}
           >
-            <option value="">any</option>
-            <option value="model">with a result</option>
-            <option value="without">without a result</option>
-            <option value="active">under way</option>
+            <option value="">{t("history.filter.any")}</option>
+            <option value="model">{t("history.filter.model")}</option>
+            <option value="without">{t("history.filter.without")}</option>
+            <option value="active">{t("history.filter.active")}</option>
           </select>
         )}
       </Field>
-      <Field label="Kind">
+      <Field label={t("history.filter.kind")}>
         {(id) => (
-          <select id={id} value={wanted.mode} onChange={(event) => set({ mode: event.currentTarget.value as Wanted["mode"] })}>
-            <option value="">any</option>
-            <option value="live">by the cell</option>
-            <option value="replay">from a recording</option>
+          <select id={id} value={filter.mode} onChange={(event) => set({ mode: event.currentTarget.value as Filter["mode"] })}>
+            <option value="">{t("history.filter.any")}</option>
+            <option value="live">{t("history.filter.live")}</option>
+            <option value="replay">{t("history.filter.replay")}</option>
           </select>
         )}
       </Field>
-      <Field label="From">
-        {(id) => <input id={id} type="date" value={wanted.from} onChange={(event) => set({ from: event.currentTarget.value })} />}
+      <Field label={t("history.filter.from")}>
+        {(id) => <input id={id} type="date" value={filter.from} onChange={(event) => set({ from: event.currentTarget.value })} />}
       </Field>
-      <Field label="To">
-        {(id) => <input id={id} type="date" value={wanted.to} onChange={(event) => set({ to: event.currentTarget.value })} />}
+      <Field label={t("history.filter.to")}>
+        {(id) => <input id={id} type="date" value={filter.to} onChange={(event) => set({ to: event.currentTarget.value })} />}
       </Field>
       <label class="tick">
-        <input type="checkbox" checked={wanted.kept} onChange={(event) => set({ kept: event.currentTarget.checked })} />
-        only those kept
+        <input type="checkbox" checked={filter.kept} onChange={(event) => set({ kept: event.currentTarget.checked })} />
+        {t("history.filter.kept")}
       </label>
     </form>
   );

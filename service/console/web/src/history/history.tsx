@@ -1,39 +1,40 @@
 import "./history.css";
 import { useState } from "preact/hooks";
-import { api, told, type Scan } from "../net/api";
+import { api, resultOf, type Scan } from "../net/api";
 import { changes, latest, show } from "../state/scans";
+import { t } from "../texts/translate";
 import { Failed } from "../ui/action";
-import { useAsked } from "../ui/asked";
-import { ALL, Filters, queryOf, type Wanted } from "./filters";
+import { useQuery } from "../ui/use_query";
+import { ALL, Filters, queryOf, type Filter } from "./filters";
 import { Row } from "./row";
 
-const AT_A_TIME = 20;
-/** The service lists no more at once. */
-const MOST = 500;
+const PAGE_SIZE = 20;
+/** Limit of the service. */
+const MAX_LISTED = 500;
 
 interface Listed {
-  of: Wanted;
+  filter: Filter;
   scans: readonly Scan[];
   more: boolean;
 }
 
-async function scansOf(wanted: Wanted, limit: number): Promise<Listed> {
-  const query = { ...queryOf(wanted), limit };
-  const { scans, next } = await told(api.GET("/api/scans", { params: { query } }));
-  return { of: wanted, scans, more: next !== null };
+async function scansOf(filter: Filter, limit: number): Promise<Listed> {
+  const query = { ...queryOf(filter), limit };
+  const { scans, next } = await resultOf(api.GET("/api/scans", { params: { query } }));
+  return { filter, scans, more: next !== null };
 }
 
-/** Past scans: to look at again, to work out again, to keep, to take away. */
+/** Past scans: show, recognise again, protect, download. */
 export function HistoryScreen({ id }: { id: string | null }) {
-  const [wanted, want] = useState(ALL);
+  const [filter, setFilter] = useState(ALL);
   const [listed, setListed] = useState<Listed | null>(null);
   const [linked, setLinked] = useState<Scan | null>(null);
-  const [limit, setLimit] = useState(AT_A_TIME);
+  const [limit, setLimit] = useState(PAGE_SIZE);
 
-  const failure = useAsked(() => scansOf(wanted, limit), setListed, [wanted, limit, changes.value]);
+  const failure = useQuery(() => scansOf(filter, limit), setListed, [filter, limit, changes.value]);
 
-  const unlinked = useAsked(
-    async () => (id === null ? null : told(api.GET("/api/scans/{id}", { params: { path: { id } } }))),
+  const unlinked = useQuery(
+    async () => (id === null ? null : resultOf(api.GET("/api/scans/{id}", { params: { path: { id } } }))),
     setLinked,
     [id],
   );
@@ -44,39 +45,35 @@ export function HistoryScreen({ id }: { id: string | null }) {
     if (latest.value?.id === one.id) show(one);
   }
 
-  // What was chosen before is shown until the answer comes, but not when there is none.
-  const current = failure === null || listed?.of === wanted ? listed : null;
-  // The one under way is told more of, and sooner.
+  // The earlier list is shown until the answer comes, but not if the request fails.
+  const current = failure === null || listed?.filter === filter ? listed : null;
+  // The running scan is known better from its events.
   const shown = current?.scans.map((scan) => (scan.id === latest.value?.id ? latest.value : scan));
-  const filtered = Object.keys(queryOf(wanted)).length > 0;
-  // One that somebody wants to see comes first where it is too old for the list.
+  const filtered = Object.keys(queryOf(filter)).length > 0;
+  // A linked scan that is too old for the list comes first.
   if (linked !== null && !filtered && shown?.every((scan) => scan.id !== linked.id)) shown.unshift(linked);
   return (
     <div class="history">
-      <h1>History</h1>
-      <Filters wanted={wanted} want={want} />
+      <h1>{t("history.title")}</h1>
+      <Filters filter={filter} setFilter={setFilter} />
       <Failed failure={failure ?? unlinked} />
-      {shown?.length === 0 && (
-        <p>
-          {filtered ? "No scan is like that: change what is chosen above." : "There is no scan yet."}
-        </p>
-      )}
-      <ul class="scans" aria-label="Scans, the newest first">
+      {shown?.length === 0 && <p>{filtered ? t("history.none_match") : t("history.none")}</p>}
+      <ul class="scans" aria-label={t("history.list")}>
         {shown?.map((scan) => (
           <Row key={scan.id} scan={scan} opened={scan.id === id} changed={changed} />
         ))}
       </ul>
       {current?.more &&
-        (limit < MOST ? (
+        (limit < MAX_LISTED ? (
           <button
             type="button"
             disabled={current.scans.length < limit}
-            onClick={() => setLimit(Math.min(limit + AT_A_TIME, MOST))}
+            onClick={() => setLimit(Math.min(limit + PAGE_SIZE, MAX_LISTED))}
           >
-            {current.scans.length < limit ? "Asking ..." : "Show older ones"}
+            {current.scans.length < limit ? t("common.loading") : t("history.older")}
           </button>
         ) : (
-          <p>Older ones are listed when the days are chosen above.</p>
+          <p>{t("history.limit")}</p>
         ))}
     </div>
   );

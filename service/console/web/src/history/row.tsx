@@ -1,109 +1,110 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
-import { api, told, type Scan } from "../net/api";
+import { api, resultOf, type Scan } from "../net/api";
 import { addressOf } from "../route";
 import { RecordingName } from "../scan/recording_name";
-import { operates } from "../state/session";
+import { canOperate } from "../state/session";
+import { mm, when } from "../texts/format";
+import { foundText, hasModel, isElsewhere, kindOf, outcome, tooFew } from "../texts/states";
+import { rich, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
+import { EndReason } from "../ui/end_reason";
 import { Picture } from "../ui/picture";
-import { WhyEnded } from "../ui/why_ended";
 import { Warnings } from "../ui/warnings";
-import { hasModel, isElsewhere, kindOf, outcome, tooFew } from "../words/states";
-import { counted, mm, when } from "../words/units";
-import { Again } from "./again";
+import { Reprocess } from "./reprocess";
 
 interface RowProps {
   scan: Scan;
-  /** It was told anew. */
+  /** Called with the new state of the scan. */
   changed: (scan: Scan) => void;
 }
 
-/** A scan of the list; opened, all that can be done with it. */
+/** A scan of the list; an open row has all its actions. */
 export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
   const [open, setOpen] = useState(opened);
   const row = useRef<HTMLLIElement>(null);
   useEffect(() => {
     if (opened) row.current?.scrollIntoView({ block: "center" });
   }, []);
-  const { word, look } = outcome(scan);
-  const name = `${kindOf(scan)}, ${when(scan.created_at)}`;
+  const { word, tone } = outcome(scan);
+  const name = t("common.kind_and_time", { kind: kindOf(scan), when: when(scan.created_at) });
   return (
     <li ref={row}>
       <button type="button" class="headline" aria-expanded={open} onClick={() => setOpen(!open)}>
         {hasModel(scan) ? (
           <Picture src={scan.links.thumbnail ?? ""} alt="" class="thumbnail" />
         ) : (
-          <span class="picture thumbnail">no result</span>
+          <span class="picture thumbnail">{t("history.row.no_result")}</span>
         )}
         <span class="what">
           <strong>{name}</strong>
-          <span>
-            {scan.summary?.chains ? `${counted(scan.summary.chains, "string")}, ${counted(scan.summary.crossings, "crossing")}, ` : ""}
-            {scan.method}
-            {scan.string_radius_m === null ? "" : `, radius ${mm(scan.string_radius_m)}`}
-            {scan.asked_by === null ? "" : `, by ${scan.asked_by}`}
-            {scan.kept ? ", kept" : ""}
-          </span>
+          <span>{summaryText(scan)}</span>
         </span>
-        <Badge look={look}>{word}</Badge>
+        <Badge tone={tone}>{word}</Badge>
       </button>
       {open && <Details scan={scan} name={name} changed={changed} />}
     </li>
   );
 }
 
+function summaryText({ summary, method, string_radius_m, asked_by, kept }: Scan): string {
+  let text = t(`method.${method}.name`);
+  if (summary?.chains) text = t("history.row.found", { found: foundText(summary.chains, summary.crossings), text });
+  if (string_radius_m !== null) text = t("history.row.radius", { text, radius: mm(string_radius_m) });
+  if (asked_by !== null) text = t("history.row.by", { text, name: asked_by });
+  return kept ? t("history.row.kept", { text }) : text;
+}
+
 function Details({ scan, name, changed }: RowProps & { name: string }) {
   const keep = useAction();
   const { links, problem, summary } = scan;
-  const files: [string, string | null, string][] = [
-    ["Model (JSON)", links.model, `${scan.id}.json`],
-    ["Grasps (JSON)", links.grasps, `${scan.id}-grasps.json`],
-    ["Points (PLY)", links.cloud, `${scan.id}.ply`],
-    ["Picture (PNG)", links.preview, `${scan.id}.png`],
-    ["Recording (MCAP)", links.recording, `${scan.id}.mcap`],
-  ];
+  const files = [
+    ["model", links.model, `${scan.id}.json`],
+    ["grasps", links.grasps, `${scan.id}-grasps.json`],
+    ["cloud", links.cloud, `${scan.id}.ply`],
+    ["preview", links.preview, `${scan.id}.png`],
+    ["recording", links.recording, `${scan.id}.mcap`],
+  ] as const;
+  const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.source)}>{content}</a>;
   return (
     <div class="details" role="group" aria-label={name}>
-      <WhyEnded state={scan.state} problem={problem} />
+      <EndReason state={scan.state} problem={problem} />
       <Warnings warnings={summary?.warnings ?? []} />
       <p class="small">
-        {scan.string_radius_m === null && (hasModel(scan) ? "The radius was measured; " : "The radius was to be measured; ")}
-        {scan.source !== null && (
-          <>
-            works out again <a href={addressOf("history", scan.source)}>an earlier scan</a>;{" "}
-          </>
-        )}
+        {scan.string_radius_m === null &&
+          (hasModel(scan) ? t("history.row.radius_measured") : t("history.row.radius_requested"))}
+        {scan.source !== null && rich("history.row.source", { link })}
         {scan.id}
         {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
       </p>
       <div class="row">
         {hasModel(scan) && (
           <a class="button main" href={addressOf("result", scan.id)}>
-            Look at the result
+            {t("common.look_at_result")}
           </a>
         )}
         {files.map(
-          ([label, address, file]) =>
+          ([kind, address, file]) =>
             address !== null && (
-              <a key={label} class="button" href={address} download={file}>
-                {label}
+              <a key={kind} class="button" href={address} download={file}>
+                {t(`history.row.file.${kind}`)}
               </a>
             ),
         )}
-        {operates.value && (
+        {canOperate.value && (
           <Act
             action={keep}
             work={async () => {
-              const asked = { params: { path: { id: scan.id } }, body: { kept: !scan.kept } };
-              changed(await told(api.PUT("/api/scans/{id}/keep", asked)));
+              const options = { params: { path: { id: scan.id } }, body: { kept: !scan.kept } };
+              changed(await resultOf(api.PUT("/api/scans/{id}/keep", options)));
             }}
           >
-            {scan.kept ? "Keep no longer" : "Keep for ever"}
+            {scan.kept ? t("history.row.unkeep") : t("history.row.keep")}
           </Act>
         )}
       </div>
       <Failed failure={keep.failure} />
-      {operates.value && links.reprocess !== null && !tooFew(scan) && <Again scan={scan} />}
+      {canOperate.value && links.reprocess !== null && !tooFew(scan) && <Reprocess scan={scan} />}
     </div>
   );
 }

@@ -1,6 +1,8 @@
 import createClient from "openapi-fetch";
 import type { components, paths } from "../../generated/api";
-import { OURS } from "./ours";
+import { CONSOLE_HEADERS } from "./headers";
+import { slugOf } from "../texts/problem";
+import { t } from "../texts/translate";
 import { request } from "./request";
 
 export type Cell = components["schemas"]["CellResource"];
@@ -17,16 +19,16 @@ export type Plan = components["schemas"]["PlanDocument"];
 export type Method = Scan["method"];
 
 /** The service's calls, typed by its description. */
-export const api = createClient<paths>({ fetch: (asked) => request(asked), headers: OURS });
+export const api = createClient<paths>({ fetch: (call) => request(call), headers: CONSOLE_HEADERS });
 
-/** For calls that take long, as those that wait for a robot. */
-export const slowly = { fetch: (asked: Request) => request(asked, 120) };
+/** Options of calls that take long, such as those that wait for the robot. */
+export const longCall = { fetch: (call: Request) => request(call, 120) };
 
-/** The service refused what was asked for. */
+/** The service refused a request. */
 export class RefusedError extends Error {
   constructor(
     readonly problem: Problem,
-    /** When it is worth to ask again; null: the service does not tell. */
+    /** Seconds until the request can succeed; null: the service names none. */
     readonly retryAfter_s: number | null,
   ) {
     super(problem.detail);
@@ -37,11 +39,6 @@ export class RefusedError extends Error {
   }
 }
 
-/** What a problem is, in one word. */
-export function slugOf(problem: { type: string } | string): string {
-  return (typeof problem === "string" ? problem : problem.type).replace("urn:pointchain:", "");
-}
-
 interface Answer<T> {
   data?: T;
   error?: unknown;
@@ -49,12 +46,12 @@ interface Answer<T> {
 }
 
 /**
- * What was answered.
+ * Return the body of an answer.
  *
- * @throws RefusedError, LostError, GivenUpError
+ * @throws RefusedError, NoAnswerError, CancelledError
  */
-export async function told<T>(asked: Promise<Answer<T>>): Promise<NonNullable<T>> {
-  const { data, error, response } = await asked;
+export async function resultOf<T>(call: Promise<Answer<T>>): Promise<NonNullable<T>> {
+  const { data, error, response } = await call;
   if (data !== undefined && data !== null) return data;
   const retry = Number(response.headers.get("Retry-After") ?? NaN);
   throw new RefusedError(asProblem(error, response), Number.isFinite(retry) ? retry : null);
@@ -62,6 +59,7 @@ export async function told<T>(asked: Promise<Answer<T>>): Promise<NonNullable<T>
 
 function asProblem(error: unknown, response: Response): Problem {
   if (typeof error === "object" && error !== null && "type" in error && "detail" in error) return error as Problem;
-  const title = `The answer was ${response.status}`;
-  return { type: "about:blank", title, status: response.status, detail: `${title}, without a reason.` };
+  const { status } = response;
+  const [title, detail] = [t("failure.no_problem.title", { status }), t("failure.no_problem.detail", { status })];
+  return { type: "about:blank", title, status, detail } as unknown as Problem; // no type of the service
 }

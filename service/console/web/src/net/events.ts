@@ -1,16 +1,16 @@
 import { EventSourceParserStream, type EventSourceMessage } from "eventsource-parser/stream";
-import { OURS } from "./ours";
-import { heard } from "./request";
+import { CONSOLE_HEADERS } from "./headers";
+import { markAnswered } from "./request";
 import { takeSlot } from "./slots";
 
-/** Pings come each 15 s; behind so long a silence the stream is taken for broken. */
+/** A ping arrives every 15 s; after this silence the stream counts as broken. */
 const SILENCE_S = 25;
 
 /**
- * Reads server-sent events until the stream ends, and the id of the last. By fetch, not by EventSource, which could
- * neither send our header nor tell why it was refused.
+ * Read server-sent events until the stream ends, and return the id of the last one. `EventSource` could neither send
+ * the console's header nor report why it was refused.
  *
- * @throws the reason why it broke; the status of a refusal is the error's `cause`
+ * @throws the reason why the stream broke; the status of a refusal is the error's `cause`
  */
 export async function readEvents(
   address: string,
@@ -22,13 +22,13 @@ export async function readEvents(
   const silent = new AbortController();
   let timer = setTimeout(() => silent.abort(), SILENCE_S * 1000);
   try {
-    const headers = { ...OURS, Accept: "text/event-stream", ...(last === null ? {} : { "Last-Event-ID": last }) };
+    const headers = { ...CONSOLE_HEADERS, Accept: "text/event-stream", ...(last === null ? {} : { "Last-Event-ID": last }) };
     const answer = await fetch(address, { headers, signal: AbortSignal.any([ended, slot.signal, silent.signal]) });
     if (!answer.ok || answer.body === null) throw new Error("no stream", { cause: answer.status });
     const bytes = answer.body.pipeThrough(
       new TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>>({
         transform(chunk, passed) {
-          heard();
+          markAnswered();
           clearTimeout(timer);
           timer = setTimeout(() => silent.abort(), SILENCE_S * 1000);
           passed.enqueue(chunk);

@@ -1,41 +1,47 @@
 import { signal } from "@preact/signals";
 import { takeSlot } from "./slots";
 
-/** The service answered so long ago: `performance.now()`; null: never yet. */
-export const heardAt = signal<number | null>(null);
+/** When the service answered last, as `performance.now()`; null: never. */
+export const answeredAt = signal<number | null>(null);
 
 /** The service did not answer, or not in time. */
-export class LostError extends Error {}
+export class NoAnswerError extends Error {
+  constructor(
+    /** The time limit that was exceeded, seconds; null: the connection failed. */
+    readonly timeout_s: number | null,
+    options: ErrorOptions,
+  ) {
+    super("no answer", options);
+  }
+}
 
-/** Given up, because Stop was pressed or nobody wants the answer any more. */
-export class GivenUpError extends Error {}
+/** The request was cancelled, because STOP was pressed or its answer is no longer needed. */
+export class CancelledError extends Error {}
 
 const WITHOUT_BODY = new Set([204, 205, 304]);
-const USUAL_S = 20;
+const DEFAULT_LIMIT_S = 20;
 
-/** Says that the service has answered just now. */
-export function heard(): void {
-  heardAt.value = performance.now();
+/** Record that the service has just answered. */
+export function markAnswered(): void {
+  answeredAt.value = performance.now();
 }
 
 /**
- * `fetch` in one of the slots, with a time limit; reads the whole answer there.
+ * Call `fetch` in one of the slots, with a time limit, and read the whole answer.
  *
- * @throws LostError, GivenUpError
+ * @throws NoAnswerError, CancelledError
  */
-export async function request(asked: Request, limit_s = USUAL_S): Promise<Response> {
+export async function request(call: Request, limit_s = DEFAULT_LIMIT_S): Promise<Response> {
   const slot = await takeSlot();
   const timeout = AbortSignal.timeout(limit_s * 1000);
   try {
-    const answer = await fetch(asked, { signal: AbortSignal.any([asked.signal, slot.signal, timeout]) });
+    const answer = await fetch(call, { signal: AbortSignal.any([call.signal, slot.signal, timeout]) });
     const body = await answer.arrayBuffer();
-    heard();
+    markAnswered();
     return new Response(WITHOUT_BODY.has(answer.status) ? null : body, answer);
   } catch (error) {
-    if (slot.signal.aborted || asked.signal.aborted) throw new GivenUpError("given up");
-    throw new LostError(timeout.aborted ? `no answer within ${limit_s} s` : "the service does not answer", {
-      cause: error,
-    });
+    if (slot.signal.aborted || call.signal.aborted) throw new CancelledError("cancelled");
+    throw new NoAnswerError(timeout.aborted ? limit_s : null, { cause: error });
   } finally {
     slot.free();
   }

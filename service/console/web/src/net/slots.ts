@@ -1,36 +1,36 @@
 /**
- * A browser opens at most six connections to one host; the next request waits until one of them is free. So that Stop
- * never waits, all else takes one of a few slots, and Stop has the others given up. Pictures leave some of the slots to
- * what tells the state of the cell.
+ * Slots limit the concurrent requests. A browser opens at most six connections to one host. Every request except STOP
+ * takes one of these slots, so that STOP never waits, and STOP cancels the requests that run. Images leave some slots
+ * to the requests for the state of the cell.
  */
-const MOST = 5;
-const MOST_PICTURES = 2;
+const MAX_REQUESTS = 5;
+const MAX_PICTURES = 2;
 
 export type Kind = "call" | "picture";
 
 export interface Slot {
-  /** Aborted when what is under way is given up. */
+  /** Aborted when STOP cancels the requests. */
   signal: AbortSignal;
-  /** Lets the next one have it; may be called again. */
+  /** Free the slot; may be called several times. */
   free(): void;
 }
 
-const underWay = new Map<AbortController, Kind>();
+const active = new Map<AbortController, Kind>();
 const waiting: Record<Kind, (() => void)[]> = { call: [], picture: [] };
 
 function isFree(kind: Kind): boolean {
-  const pictures = [...underWay.values()].filter((one) => one === "picture").length;
-  return underWay.size < MOST && (kind === "call" || pictures < MOST_PICTURES);
+  const pictures = [...active.values()].filter((one) => one === "picture").length;
+  return active.size < MAX_REQUESTS && (kind === "call" || pictures < MAX_PICTURES);
 }
 
-/** Waits for a slot; calls come before pictures. */
+/** Wait for a slot; calls come before images. */
 export async function takeSlot(kind: Kind = "call"): Promise<Slot> {
   const controller = new AbortController();
-  if (isFree(kind)) underWay.set(controller, kind);
+  if (isFree(kind)) active.set(controller, kind);
   else {
     await new Promise<void>((resolve) =>
       waiting[kind].push(() => {
-        underWay.set(controller, kind);
+        active.set(controller, kind);
         resolve();
       }),
     );
@@ -38,14 +38,14 @@ export async function takeSlot(kind: Kind = "call"): Promise<Slot> {
   return {
     signal: controller.signal,
     free() {
-      if (!underWay.delete(controller)) return;
+      if (!active.delete(controller)) return;
       const next = waiting.call.shift() ?? (isFree("picture") ? waiting.picture.shift() : undefined);
       next?.();
     },
   };
 }
 
-/** Ends all that is under way, for Stop to come first. */
-export function giveUpAll(): void {
-  for (const controller of underWay.keys()) controller.abort();
+/** Cancel all requests, so that STOP comes first. */
+export function cancelAll(): void {
+  for (const controller of active.keys()) controller.abort();
 }

@@ -1,15 +1,16 @@
 import { useEffect, useState } from "preact/hooks";
-import { api, slowly, told, type Method, type Model, type Scan } from "../net/api";
-import { askNow } from "../state/follow";
+import { api, longCall, resultOf, type Method, type Model, type Scan } from "../net/api";
+import { refreshNow } from "../state/updates";
 import { changes, running, show } from "../state/scans";
-import { operates } from "../state/session";
+import { canOperate } from "../state/session";
 import { Act, Failed, useAction } from "../ui/action";
-import { useAsked } from "../ui/asked";
+import { useQuery } from "../ui/use_query";
 import { Hint } from "../ui/hint";
 import { lineOf, type Other } from "../view3d/scene";
-import { hasModel, METHODS } from "../words/states";
-import { mm } from "../words/units";
-import { loadModel } from "./load";
+import { mm } from "../texts/format";
+import { hasModel, METHODS } from "../texts/states";
+import { t } from "../texts/translate";
+import { loadModel } from "./use_result";
 
 interface CompareProps {
   scan: Scan;
@@ -18,35 +19,35 @@ interface CompareProps {
   setOthers: (others: readonly Other[]) => void;
 }
 
-/** What the other methods make of the same views, in numbers and as lines in the picture. */
+/** The results of other methods from the same views, as numbers and as lines in the picture. */
 export function Compare({ scan, model, others, setOthers }: CompareProps) {
   const [known, setKnown] = useState<readonly Scan[]>([]);
-  const failure = useAsked(
-    () => told(api.GET("/api/scans", { params: { query: { recording: scan.recording ?? undefined } } })),
+  const failure = useQuery(
+    () => resultOf(api.GET("/api/scans", { params: { query: { recording: scan.recording ?? undefined } } })),
     ({ scans }) => setKnown(scans.filter(hasModel)),
     [changes.value],
   );
-  if (!operates.value && known.every((one) => one.method === scan.method)) return failure && <Failed failure={failure} />;
-  const methods = (Object.keys(METHODS) as Method[]).filter((method) => method !== scan.method);
+  if (!canOperate.value && known.every((one) => one.method === scan.method)) return failure && <Failed failure={failure} />;
+  const methods = METHODS.filter((method) => method !== scan.method);
   return (
     <section class="compare">
       <h2>
-        <Hint term="method">Compare methods</Hint>
+        <Hint term="method">{t("result.compare.title")}</Hint>
       </h2>
       <table>
         <thead>
           <tr>
-            <th scope="col">Method</th>
-            <th scope="col">Strings</th>
-            <th scope="col">Crossings</th>
-            <th scope="col">Length</th>
-            <th scope="col">Shown as</th>
+            <th scope="col">{t("field.method")}</th>
+            <th scope="col">{t("result.strings.title")}</th>
+            <th scope="col">{t("result.crossings.title")}</th>
+            <th scope="col">{t("result.compare.length")}</th>
+            <th scope="col">{t("result.compare.shown_as")}</th>
           </tr>
         </thead>
         <tbody>
-          <Numbers name={`${scan.method} (this)`} model={model} />
+          <Numbers name={t("result.compare.this", { method: t(`method.${scan.method}.name`) })} model={model} />
           {others.map(({ method, model: other }) => (
-            <Numbers key={method} name={method} model={other} line={lineOf(method)} />
+            <Numbers key={method} name={t(`method.${method}.name`)} model={other} line={lineOf(method)} />
           ))}
         </tbody>
       </table>
@@ -56,7 +57,7 @@ export function Compare({ scan, model, others, setOthers }: CompareProps) {
             key={method}
             scan={scan}
             method={method}
-            // Worked out with the same radius, or the two could not be compared.
+            // Results with different radii cannot be compared.
             done={known.find((one) => one.method === method && one.string_radius_m === scan.string_radius_m)}
             shown={others.some((other) => other.method === method)}
             add={(other) => setOthers([...others.filter((one) => one.method !== method), other])}
@@ -72,7 +73,7 @@ export function Compare({ scan, model, others, setOthers }: CompareProps) {
 interface NumbersProps {
   name: string;
   model: Model;
-  /** How its strings are drawn; tubes if it is not told. */
+  /** How its strings are drawn; undefined: as tubes. */
   line?: ReturnType<typeof lineOf>;
 }
 
@@ -84,7 +85,8 @@ function Numbers({ name, model, line }: NumbersProps) {
       <td>{model.crossings.length}</td>
       <td>{mm(model.chains.reduce((sum, chain) => sum + chain.length_m, 0), 0)}</td>
       <td>
-        {line && <span class="sample" style={{ background: line.colour }} />} {line ? `${line.style} line` : "tubes"}
+        {line && <span class="sample" style={{ background: line.colour }} />}{" "}
+        {line ? t(`result.compare.line.${line.style}`) : t("result.compare.tubes")}
       </td>
     </tr>
   );
@@ -101,34 +103,35 @@ interface OtherProps {
 
 function OtherMethod({ scan, method, done, shown, add, remove }: OtherProps) {
   const action = useAction();
-  const [asked, setAsked] = useState(false);
+  const [requested, setRequested] = useState(false);
+  const name = t(`method.${method}.name`);
 
   async function load(id: string): Promise<void> {
     add({ method, model: await loadModel(id) });
   }
 
   useEffect(() => {
-    if (!asked || done === undefined) return;
-    setAsked(false);
+    if (!requested || done === undefined) return;
+    setRequested(false);
     void action.run(() => load(done.id));
-  }, [asked, done?.id]);
+  }, [requested, done?.id]);
 
   if (shown) {
     return (
       <button type="button" aria-pressed="true" onClick={remove}>
-        {method}: hide
+        {t("result.compare.hide", { method: name })}
       </button>
     );
   }
   if (done !== undefined) {
     return (
       <>
-        <Act action={action} work={() => load(done.id)}>{`${method}: show beside`}</Act>
+        <Act action={action} work={() => load(done.id)}>{t("result.compare.show", { method: name })}</Act>
         <Failed failure={action.failure} />
       </>
     );
   }
-  if (!operates.value || scan.links.reprocess === null) return null;
+  if (!canOperate.value || scan.links.reprocess === null) return null;
   return (
     <>
       <Act
@@ -136,12 +139,14 @@ function OtherMethod({ scan, method, done, shown, add, remove }: OtherProps) {
         disabled={running.value !== null}
         work={async () => {
           const params = { path: { id: scan.id } };
-          show(await told(api.POST("/api/scans/{id}/reprocess", { params, body: { method }, ...slowly })));
-          setAsked(true);
-          askNow();
+          show(await resultOf(api.POST("/api/scans/{id}/reprocess", { params, body: { method }, ...longCall })));
+          setRequested(true);
+          refreshNow();
         }}
       >
-        {asked && running.value !== null ? `${method}: working it out ...` : `${method}: work it out`}
+        {requested && running.value !== null
+          ? t("result.compare.running", { method: name })
+          : t("result.compare.run", { method: name })}
       </Act>
       <Failed failure={action.failure} />
     </>

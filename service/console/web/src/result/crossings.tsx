@@ -1,29 +1,43 @@
 import type { Model } from "../net/api";
+import { degrees, mm, percent } from "../texts/format";
+import { rich, t } from "../texts/translate";
+import { strong } from "../ui/action";
 import { Hint } from "../ui/hint";
-import { SURE, type Place } from "../view3d/scene";
-import { degrees, mm, percent } from "../words/units";
+import { type Crossing, isUncertain, type Target } from "../view3d/scene";
 
 interface ListProps {
   model: Model;
-  /** Turns the view to a place. */
-  show: (place: Place) => void;
+  /** Turns the view to a target. */
+  show: (target: Target) => void;
 }
 
-/** Which strand lies over which, in words. */
+/** Which strand lies over which. */
 export function Crossings({ model, show }: ListProps) {
   if (model.crossings.length === 0) return null;
   return (
     <section>
       <h2>
-        <Hint term="crossing">Crossings</Hint>
+        <Hint term="crossing">{t("result.crossings.title")}</Hint>
       </h2>
-      <ul class="places">
-        {model.crossings.map(({ id, over, under, gap_m, angle_rad, confidence }) => (
-          <li key={id}>
-            <button type="button" class={confidence < SURE ? "unsure" : ""} onClick={() => show({ kind: "crossing", id })}>
-              {id}: string {over.chain} at {mm(over.s_m, 0)} lies <strong>over</strong> string {under.chain} at{" "}
-              {mm(under.s_m, 0)}. Heights differ by {mm(gap_m)}, angle {degrees(angle_rad)},{" "}
-              {sureness(confidence)}
+      <ul class="targets">
+        {model.crossings.map((crossing) => (
+          <li key={crossing.id}>
+            <button
+              type="button"
+              class={isUncertain(crossing) ? "unsure" : ""}
+              onClick={() => show({ kind: "crossing", id: crossing.id })}
+            >
+              {rich("result.crossings.text", {
+                id: crossing.id,
+                over: crossing.over.chain,
+                over_at: mm(crossing.over.s_m, 0),
+                under: crossing.under.chain,
+                under_at: mm(crossing.under.s_m, 0),
+                gap: mm(crossing.gap_m),
+                angle: degrees(crossing.angle_rad),
+                confidence: confidenceText(crossing),
+                strong,
+              })}
             </button>
           </li>
         ))}
@@ -32,8 +46,9 @@ export function Crossings({ model, show }: ListProps) {
   );
 }
 
-/** Nothing measured is wholly sure. */
-function sureness(confidence: number): string {
-  if (confidence < SURE) return `not certain: ${percent(confidence)} sure`;
-  return confidence > 0.99 ? "more than 99 % sure" : `${percent(confidence)} sure`;
+/** Describe the confidence; no measurement is fully certain. */
+function confidenceText(crossing: Crossing): string {
+  const confidence = percent(crossing.confidence);
+  if (isUncertain(crossing)) return t("result.crossings.uncertain", { confidence });
+  return crossing.confidence > 0.99 ? t("result.crossings.certain") : t("result.crossings.confidence", { confidence });
 }

@@ -1,58 +1,57 @@
 import type { Model } from "../net/api";
-import type { Place } from "../view3d/scene";
-import { sentence } from "../words/sentence";
-import { counted } from "../words/units";
-import { placeIn } from "./places";
+import { sentence } from "../texts/sentence";
+import { t } from "../texts/translate";
+import type { Target } from "../view3d/scene";
+import { targetInMessage } from "./message_target";
 
-/** What to know before anything is grasped: a press turns the view to it. */
-export function Findings({ model, show }: { model: Model; show: (place: Place) => void }) {
+/** The findings to read before anything is grasped. A press on a finding turns the view to it. */
+export function Findings({ model, show }: { model: Model; show: (target: Target) => void }) {
   const { ambiguities, warnings, views } = model.quality;
-  const found = [...ambiguities, ...warnings];
+  const messages = [...ambiguities, ...warnings];
   const unused = views.filter((view) => !view.used);
-  const unseen = model.chains.filter((chain) => chain.ends.includes("unseen"));
-  const count = found.length + unused.length + unseen.length;
-  if (count === 0) {
-    return <p class="note good">✓ Nothing was found that speaks against this result.</p>;
-  }
+  const unobserved = model.chains.filter((chain) => chain.ends.includes("unseen"));
+  const count = messages.length + unused.length + unobserved.length;
+  if (count === 0) return <p class="note good">{t("result.findings.good")}</p>;
   return (
-    <section aria-label="Findings">
+    <section aria-label={t("result.findings.region")}>
       <h2 class="warn">
-        ▲ {model.chains.length === 0 ? "Why there is no string" : `${counted(count, "thing")} to know before you grasp`}
+        {model.chains.length === 0 ? t("result.findings.no_string") : t("result.findings.count", { count })}
       </h2>
-      <ul class="places">
-        {found.map((words) => (
-          <li key={words}>
-            <Finding words={words} show={show} />
+      <ul class="targets">
+        {messages.map((message) => (
+          <li key={message}>
+            <Finding message={message} show={show} />
           </li>
         ))}
-        {unseen.map((chain) => (
-          <li key={`string ${chain.id}`}>
-            <button type="button" onClick={() => show({ kind: "chain", id: chain.id })}>
-              String {chain.id} was not seen to end at {chain.ends[0] === chain.ends[1] ? "either end" : "one end"}: it may go on
-              there, or belong to another string.
+        {unobserved.map(({ id, ends }) => (
+          <li key={`string ${id}`}>
+            <button type="button" onClick={() => show({ kind: "chain", id })}>
+              {ends[0] === ends[1] ? t("result.findings.both_ends", { id }) : t("result.findings.one_end", { id })}
             </button>
           </li>
         ))}
         {unused.length < views.length &&
-          unused.map((view) => (
-            <li key={view.index}>
-              <button type="button" onClick={() => show({ kind: "view", index: view.index })}>
-                {sentence(`View ${view.index} was not used: ${view.reason ?? "no reason is told"}`)}
+          unused.map(({ index, reason }) => (
+            <li key={index}>
+              <button type="button" onClick={() => show({ kind: "view", index })}>
+                {sentence(
+                  t("result.findings.view_unused", { index, reason: reason ?? t("common.no_reason") }),
+                )}
               </button>
             </li>
           ))}
       </ul>
-      {unused.length === views.length && <p>None of the {counted(views.length, "view")} shows anything of a string.</p>}
+      {unused.length === views.length && <p>{t("result.findings.no_view", { count: views.length })}</p>}
     </section>
   );
 }
 
-function Finding({ words, show }: { words: string; show: (place: Place) => void }) {
-  const place = placeIn(words);
-  if (place === null) return <p class="note warn">{sentence(words)}</p>;
+function Finding({ message, show }: { message: string; show: (target: Target) => void }) {
+  const target = targetInMessage(message);
+  if (target === null) return <p class="note warn">{sentence(message)}</p>;
   return (
-    <button type="button" onClick={() => show(place)}>
-      {sentence(words)}
+    <button type="button" onClick={() => show(target)}>
+      {sentence(message)}
     </button>
   );
 }

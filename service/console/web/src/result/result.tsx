@@ -3,44 +3,45 @@ import { useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import type { Model, Scan } from "../net/api";
 import { addressOf } from "../route";
-import { first } from "../state/scans";
-import { Failed } from "../ui/action";
-import { WhatToDo } from "../ui/manual";
+import { RadiusWarning } from "../scan/radius_warning";
 import { RecordingName } from "../scan/recording_name";
-import { ToldRadius } from "../scan/told_radius";
-import { pointAt } from "../view3d/along";
-import { orderGradient } from "../view3d/order";
-import type { Other, Place } from "../view3d/scene";
-import { sentence } from "../words/sentence";
-import { hasModel, isElsewhere, kindOf, outcome, underWay } from "../words/states";
-import { counted, when } from "../words/units";
+import { latestOriginal } from "../state/scans";
+import { when } from "../texts/format";
+import { problemDetail, slugOf } from "../texts/problem";
+import { foundText, hasModel, isActive, isElsewhere, kindOf, outcome } from "../texts/states";
+import { rich, t } from "../texts/translate";
+import { Failed, strong } from "../ui/action";
+import { WhatToDo } from "../ui/manual";
+import { pointAt } from "../view3d/arc_length";
+import { orderGradient } from "../view3d/order_colours";
+import type { Other, Target } from "../view3d/scene";
+import { type Selection, Viewer } from "../viewer/viewer";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
-import { useResult } from "./load";
-import { NewestResult } from "./newest";
-import { Point } from "./point";
+import { NewestResult } from "./newest_result";
+import { SelectedPoint } from "./selected_point";
 import { Strings } from "./strings";
-import { Viewer, type Chosen } from "../viewer/viewer";
+import { useResult } from "./use_result";
 
 const LAYERS = ["strings", "cloud", "crossings", "labels", "room"] as const;
 
-/** A scan's result: in 3D, and in words beside it. */
+/** The result of a scan: in 3D, and as lists beside it. */
 export function ResultScreen({ id }: { id: string | null }) {
   return id === null ? <NewestResult /> : <Result id={id} />;
 }
 
 function Result({ id }: { id: string }) {
   const loaded = useResult(id);
-  const [chosen, setChosen] = useState<Chosen | null>(null);
+  const [selection, select] = useState<Selection | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
   const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
   const drawn = useRef<HTMLDivElement>(null);
-  const show = (place: Place) => {
-    setChosen({ place, turn: true });
-    drawn.current?.scrollIntoView({ block: "nearest" }); // on a narrow screen the picture is above the words
+  const show = (target: Target) => {
+    select({ target, turn: true });
+    drawn.current?.scrollIntoView({ block: "nearest" }); // on a narrow screen the picture is above the lists
   };
 
   return (
@@ -50,46 +51,34 @@ function Result({ id }: { id: string }) {
           content={content}
           elsewhere={scan !== null && isElsewhere(scan)}
           layers={LAYERS}
-          chosen={chosen}
-          picked={(place) => setChosen({ place: model === null ? place : onPoint(model, place), turn: false })}
-          instead={scan?.links.preview}
+          selection={selection}
+          picked={(target) => select({ target: model === null ? target : onPoint(model, target), turn: false })}
+          fallback={scan?.links.preview}
         />
         <p class="small legend">
-          First end <span style={{ background: orderGradient() }} /> last end. The rings point towards the last end; where
-          a strand is under another, it is left out.
+          {rich("result.legend", { gradient: <span style={{ background: orderGradient() }} /> })}
         </p>
       </div>
       <div class="beside">
-        <h1>
-          {model === null ? "Result" : counted(model.chains.length, "string")}
-          {model !== null && `, ${counted(model.crossings.length, "crossing")}`}
-        </h1>
-        {scan !== null && (
-          <p>
-            <Badge look={outcome(scan).look}>{outcome(scan).word}</Badge> {kindOf(scan)}, {when(scan.created_at)}
-            {model !== null && `, ${model.method}`}
-          </p>
-        )}
+        <h1>{model === null ? t("result.title") : foundText(model.chains.length, model.crossings.length)}</h1>
+        {scan !== null && <Description scan={scan} model={model} />}
         {scan?.problem && (
           <p class="note bad">
-            {sentence(scan.problem.detail)} <WhatToDo problem={scan.problem.type} />
+            {problemDetail(slugOf(scan.problem), scan.problem.detail)} <WhatToDo problem={scan.problem.type} />
           </p>
         )}
         {scan !== null && isElsewhere(scan) && scan.recording !== null && (
-          <p class="note warn">
-            ▲ <strong>This is what a recording shows</strong>
-            <RecordingName id={scan.recording} />: not the table as it is now.
-          </p>
+          <p class="note warn">{rich("result.recording", { name: <RecordingName id={scan.recording} />, strong })}</p>
         )}
-        {scan !== null && <Newer than={scan} />}
+        {scan !== null && <NewerScanNote than={scan} />}
         <Failed failure={loaded.failure} />
         {model !== null && scan !== null && (
           <>
-            <ToldRadius scan={scan} />
+            <RadiusWarning scan={scan} />
             <Findings model={model} show={show} />
             {model.chains.length > 0 && (
               <>
-                <Point model={model} place={chosen?.place ?? null} choose={setChosen} />
+                <SelectedPoint model={model} target={selection?.target ?? null} select={select} />
                 <Strings model={model} show={show} />
                 <Crossings model={model} show={show} />
                 <Grasps model={model} show={show} />
@@ -103,25 +92,41 @@ function Result({ id }: { id: string }) {
   );
 }
 
-/** Says so where another scan has come since: nobody shall grasp by a table of before. */
-function Newer({ than }: { than: Scan }) {
-  const newest = first.value;
-  if (newest === null || newest.id === than.id) return null;
-  if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
-  // What works out an earlier scan again is of the table of then, however new it is.
-  if (than.source === null && newest.created_at <= than.created_at) return null;
-  const came = underWay(newest.state) ? "is under way" : `ended: ${outcome(newest).word}`;
+function Description({ scan, model }: { scan: Scan; model: Model | null }) {
+  const { word, tone } = outcome(scan);
+  const values = { kind: kindOf(scan), when: when(scan.created_at) };
   return (
-    <p class="note warn">
-      ▲ <strong>This is an earlier scan.</strong> A newer one of {when(newest.created_at)} {came}.{" "}
-      <a href={hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan")}>Look at that one</a>
+    <p>
+      <Badge tone={tone}>{word}</Badge>{" "}
+      {model === null
+        ? t("common.kind_and_time", values)
+        : t("scan.last.description", { ...values, method: t(`method.${scan.method}.name`) })}
     </p>
   );
 }
 
-/** A place on a string as the model's point that is nearest: of that, all is known. */
-function onPoint(model: Model, place: Place): Place {
-  const chain = place.kind === "point" ? model.chains.find((one) => one.id === place.chain) : undefined;
-  if (place.kind !== "point" || chain === undefined) return place;
-  return { ...place, s_m: chain.arc_length_m[pointAt(chain, place.s_m).index] ?? place.s_m };
+/** Warns that there is a newer scan: the table may have changed since this one. */
+function NewerScanNote({ than }: { than: Scan }) {
+  const newest = latestOriginal.value;
+  if (newest === null || newest.id === than.id) return null;
+  if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
+  // A repeated recognition shows the table at the time of its source, no matter when it was made.
+  if (than.source === null && newest.created_at <= than.created_at) return null;
+  const address = hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan");
+  const link = (content: preact.ComponentChildren) => <a href={address}>{content}</a>;
+  const values = { when: when(newest.created_at), strong, link };
+  return (
+    <p class="note warn">
+      {isActive(newest.state)
+        ? rich("result.earlier_running", values)
+        : rich("result.earlier_ended", { ...values, outcome: outcome(newest).word })}
+    </p>
+  );
+}
+
+/** Move a target on a string to the nearest point of the model, where all figures are known. */
+function onPoint(model: Model, target: Target): Target {
+  const chain = target.kind === "point" ? model.chains.find((one) => one.id === target.chain) : undefined;
+  if (target.kind !== "point" || chain === undefined) return target;
+  return { ...target, s_m: chain.arc_length_m[pointAt(chain, target.s_m).index] ?? target.s_m };
 }

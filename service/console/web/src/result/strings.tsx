@@ -1,28 +1,35 @@
 import type { Model } from "../net/api";
-import type { Place } from "../view3d/scene";
-import { mm } from "../words/units";
+import { mm } from "../texts/format";
+import { t } from "../texts/translate";
+import type { Chain, Target } from "../view3d/scene";
 
 interface ListProps {
   model: Model;
-  /** Turns the view to a place. */
-  show: (place: Place) => void;
+  /** Turns the view to a target. */
+  show: (target: Target) => void;
 }
 
-/** Each string in short. */
+/** Length, thickness and ends of each string. */
 export function Strings({ model, show }: ListProps) {
   return (
     <section>
-      <h2>Strings</h2>
-      <ul class="places">
+      <h2>{t("result.strings.title")}</h2>
+      <ul class="targets">
         {model.chains.map((chain) => (
           <li key={chain.id}>
             <button type="button" onClick={() => show({ kind: "chain", id: chain.id })}>
-              String {chain.id}: {mm(chain.length_m, 0)} long, {mm(2 * chain.radius_m)} thick,{" "}
-              {chain.closed ? "closed" : `ends ${chain.ends.join(" and ")}`}
+              {stringText(chain)}
             </button>
           </li>
         ))}
       </ul>
     </section>
   );
+}
+
+function stringText({ id, length_m, radius_m, closed, ends }: Chain): string {
+  const values = { id, length: mm(length_m, 0), thickness: mm(2 * radius_m) };
+  if (closed) return t("result.strings.closed", values);
+  const [first, last] = [t(`result.strings.end.${ends[0]}`), t(`result.strings.end.${ends[1]}`)];
+  return t("result.strings.open", { ...values, first, last });
 }

@@ -1,58 +1,65 @@
-import { api, slowly, told, type Scan } from "../net/api";
+import { Badge } from "../bar/status";
+import { api, longCall, resultOf, type Scan } from "../net/api";
 import { cell } from "../state/cell";
 import { lost } from "../state/freshness";
 import { show } from "../state/scans";
+import { percent } from "../texts/format";
+import { SCAN_TONES, scanWord } from "../texts/states";
+import { t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
-import { SCAN } from "../words/states";
-import { percent } from "../words/units";
-import { Badge } from "../bar/status";
 import { Views } from "./views";
 
-/** A scan under way. */
+/** A scan that runs. */
 export function Progress({ scan }: { scan: Scan }) {
   const action = useAction();
-  const { look } = SCAN[scan.state];
+  const activity = activityText(scan);
   return (
-    <section class="panel" aria-label="Scan under way">
+    <section class="panel" aria-label={t("scan.progress.region")}>
       <h2>
-        <Badge look={lost.value ? "none" : look}>{lost.value ? `Not known; last: ${doing(scan)}` : doing(scan)}</Badge>
+        <Badge tone={lost.value ? "none" : SCAN_TONES[scan.state]}>
+          {lost.value ? t("scan.progress.unknown", { activity }) : activity}
+        </Badge>
       </h2>
       <div class="done">
-        <progress max={1} value={scan.progress.fraction} aria-label="Done of the whole" />
+        <progress max={1} value={scan.progress.fraction} aria-label={t("common.progress")} />
         <span>{percent(scan.progress.fraction)}</span>
       </div>
-      {scan.asked_by !== null && <p class="small">Started by {scan.asked_by}</p>}
+      {scan.asked_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.asked_by })}</p>}
       <Act
         action={action}
         disabled={scan.links.cancel === null || scan.state === "stopping"}
-        doing="Stopping ..."
-        work={async () => show(await told(api.POST("/api/scans/{id}/cancel", { params: { path: { id: scan.id } }, ...slowly })))}
+        doing={t("common.stopping")}
+        work={async () => {
+          const params = { path: { id: scan.id } };
+          show(await resultOf(api.POST("/api/scans/{id}/cancel", { params, ...longCall })));
+        }}
       >
-        {scan.mode === "live" ? "Cancel this scan: the arm stops" : "Cancel"}
+        {scan.mode === "live" ? t("scan.progress.cancel_live") : t("scan.progress.cancel")}
       </Act>
       <Failed failure={action.failure} />
-      {scan.mode === "live" && <Views scan={scan} coming={comingOf(scan)} />}
+      {scan.mode === "live" && <Views scan={scan} planned={plannedViews(scan)} />}
     </section>
   );
 }
 
-/** The viewpoints that the arm has not come to yet, by the cell's plan. */
-function comingOf(scan: Scan): number[] {
+/** Return the viewpoints of the cell's plan that the arm has not reached yet. */
+function plannedViews(scan: Scan): number[] {
   const plan = cell.value?.viewpoints;
   if (!plan || !["preflight", "scanning"].includes(scan.state)) return [];
-  const met = new Set([...scan.progress.views, ...plan.missing].map((view) => view.index));
-  return Array.from({ length: plan.planned }, (_, index) => index).filter((index) => !met.has(index));
+  const known = new Set([...scan.progress.views, ...plan.missing].map((view) => view.index));
+  return Array.from({ length: plan.planned }, (_, index) => index).filter((index) => !known.has(index));
 }
 
-/** What is being done, in words; a screen reader tells it when it changes, as it is part of the bar too. */
-function doing(scan: Scan): string {
-  if (scan.state !== "scanning") return SCAN[scan.state].word;
-  const views = scan.progress.views;
+/** Return what the scan does now. The bar announces a change to screen readers. */
+function activityText(scan: Scan): string {
+  if (scan.state !== "scanning") return scanWord(scan.state);
+  const { views } = scan.progress;
   const missing = views.filter((view) => view.state === "missing").length;
-  const at = views.filter((view) => view.state !== "missing").length;
-  const most = cell.value?.viewpoints?.reachable;
-  const of = most === undefined ? "" : ` of ${most}`;
-  const now = views.find((view) => view.state === "moving");
-  const where = now === undefined ? "" : `, from viewpoint ${now.index}`;
-  return `Taking view ${Math.max(at, 1)}${of}${where}${missing > 0 ? `; ${missing} missing` : ""}`;
+  const number = Math.max(views.length - missing, 1);
+  const total = cell.value?.viewpoints?.reachable;
+  const moving = views.find((view) => view.state === "moving");
+  let text =
+    total === undefined ? t("scan.progress.view", { number }) : t("scan.progress.view_of", { number, total });
+  if (moving !== undefined) text = t("scan.progress.at_viewpoint", { text, index: moving.index });
+  return missing > 0 ? t("scan.progress.missing", { text, count: missing }) : text;
 }

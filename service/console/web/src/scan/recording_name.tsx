@@ -1,14 +1,15 @@
 import { useState } from "preact/hooks";
-import { api, told } from "../net/api";
-import { useAsked } from "../ui/asked";
+import { api, resultOf } from "../net/api";
+import { t } from "../texts/translate";
+import { useQuery } from "../ui/use_query";
 
-/** What a recording is called; nothing while that is not known. */
+/** The name of a recording, after a comma; empty as long as it is unknown. */
 export function RecordingName({ id }: { id: string }) {
   const [name, setName] = useState<string | null>(null);
-  useAsked(
-    () => told(api.GET("/api/recordings/{id}", { params: { path: { id } } })),
+  useQuery(
+    () => resultOf(api.GET("/api/recordings/{id}", { params: { path: { id } } })),
     (recording) => setName(recording.name),
     [id],
   );
-  return name === null ? null : <>, {name}</>;
+  return name === null ? null : <>{t("scan.recording_name", { name })}</>;
 }

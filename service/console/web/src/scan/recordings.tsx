@@ -1,40 +1,41 @@
 import { useState } from "preact/hooks";
-import { api, told, type Recording } from "../net/api";
+import { api, resultOf, type Recording } from "../net/api";
 import { request } from "../net/request";
 import { changes } from "../state/scans";
+import { when } from "../texts/format";
+import { t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
-import { useAsked } from "../ui/asked";
 import { Field } from "../ui/field";
-import { counted, when } from "../words/units";
+import { useQuery } from "../ui/use_query";
 
 const UPLOAD_S = 600;
-const SHOWN = 100;
+const LISTED = 100;
 
 interface RecordingsProps {
   chosen: string | null;
   choose: (id: string | null) => void;
 }
 
-/** The recordings that the service has, to choose one, and the way for more to come in. */
+/** The choice of a recording of the service, and the upload of a new one. */
 export function Recordings({ chosen, choose }: RecordingsProps) {
   const [known, setKnown] = useState<Recording[] | null>(null);
   const upload = useAction();
 
-  const failure = useAsked(
-    () => told(api.GET("/api/recordings", { params: { query: { limit: SHOWN } } })),
+  const failure = useQuery(
+    () => resultOf(api.GET("/api/recordings", { params: { query: { limit: LISTED } } })),
     ({ recordings }) => setKnown(recordings),
     [changes.value],
   );
 
   async function send(file: File): Promise<void> {
-    const added = await told(
+    const added = await resultOf(
       api.POST("/api/recordings", {
         params: { query: { name: file.name } },
-        // The description has a body of bytes as a text.
+        // The description types a body of bytes as a string.
         body: file as unknown as string,
         bodySerializer: (body: unknown) => body as BodyInit,
         headers: { "Content-Type": "application/octet-stream" },
-        fetch: (asked) => request(asked, UPLOAD_S),
+        fetch: (call) => request(call, UPLOAD_S),
       }),
     );
     setKnown([added, ...(known ?? []).filter((one) => one.id !== added.id)]);
@@ -43,20 +44,20 @@ export function Recordings({ chosen, choose }: RecordingsProps) {
 
   return (
     <div class="row wide">
-      <Field label="Recording" hint="recording">
+      <Field label={t("scan.recordings.label")} hint="recording">
         {(id) => (
           <select id={id} value={chosen ?? ""} onChange={(event) => choose(event.currentTarget.value || null)}>
-            <option value="">{known?.length === 0 ? "there is none yet" : "choose one"}</option>
+            <option value="">{known?.length === 0 ? t("scan.recordings.none") : t("scan.recordings.choose")}</option>
             {known?.map((one) => (
               <option key={one.id} value={one.id}>
-                {nameOf(one)}
+                {optionText(one)}
               </option>
             ))}
           </select>
         )}
       </Field>
       <label class="button">
-        {upload.busy ? "Sending ..." : "Add a file (.mcap)"}
+        {upload.busy ? t("scan.recordings.sending") : t("scan.recordings.add")}
         <input
           type="file"
           class="unseen"
@@ -74,7 +75,11 @@ export function Recordings({ chosen, choose }: RecordingsProps) {
   );
 }
 
-function nameOf({ name, created_at, views, size_bytes }: Recording): string {
-  const about = `${when(created_at, "medium")}, ${counted(views, "view")}, ${(size_bytes / 1e6).toFixed(1)} MB`;
-  return name === null ? about : `${name}, ${about}`;
+function optionText({ name, created_at, views, size_bytes }: Recording): string {
+  const option = t("scan.recordings.option", {
+    when: when(created_at, "medium"),
+    views: t("units.views", { count: views }),
+    size: t("units.megabytes", { value: (size_bytes / 1e6).toFixed(1) }),
+  });
+  return name === null ? option : t("scan.recordings.named_option", { name, option });
 }

@@ -1,38 +1,40 @@
 import "./scan.css";
 import { useEffect } from "preact/hooks";
-import { first, running } from "../state/scans";
-import { caller, operates } from "../state/session";
+import { latestOriginal, running } from "../state/scans";
+import { caller, canOperate } from "../state/session";
+import { findText, t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
-import { Ended } from "./ended";
+import { LastScan } from "./last_scan";
 import { Progress } from "./progress";
 import { Start } from "./start";
 
-/** Starts a scan, and shows how it goes. */
+/** The screen that starts a scan and shows its progress. */
 export function ScanScreen() {
-  const scan = first.value;
+  const scan = latestOriginal.value;
   const action = useAction();
-  const under = running.value?.id;
-  useEffect(() => scrollTo(0, 0), [under]); // what has begun or ended is at the top
+  const runningId = running.value?.id;
+  useEffect(() => scrollTo(0, 0), [runningId]); // a scan that starts or ends is shown at the top
   return (
     <div class="scan">
-      <h1>Scan</h1>
-      {!operates.value && (
-        <p class="note">
-          {caller.value?.name} is signed in as {caller.value?.role}: scans are started by operators. You see how they go, and
-          can stop the arm at any time.
-        </p>
-      )}
+      <h1>{t("scan.title")}</h1>
+      {!canOperate.value && <p class="note">{t("scan.not_allowed", callerNames())}</p>}
       {running.value !== null && (
         <>
           <Failed failure={action.failure} />
           <Progress scan={running.value} />
         </>
       )}
-      {/* Only hidden, so that what was filled in is there for the next scan. */}
+      {/* Only hidden, so that the form keeps its content for the next scan. */}
       <div class="columns" hidden={running.value !== null}>
-        {operates.value && <Start action={action} />}
-        {running.value === null && scan !== null && <Ended scan={scan} />}
+        {canOperate.value && <Start action={action} />}
+        {running.value === null && scan !== null && <LastScan scan={scan} />}
       </div>
     </div>
   );
+}
+
+/** Return name and role of the caller, for people. */
+export function callerNames(): { name: string; role: string } {
+  const { name = "", role = "" } = caller.value ?? {};
+  return { name, role: findText(`app.role_name.${role}`) ?? role };
 }

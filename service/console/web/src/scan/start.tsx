@@ -1,97 +1,102 @@
-import { api, slowly, told } from "../net/api";
-import { calibrates, cell } from "../state/cell";
-import { askNow } from "../state/follow";
+import { api, longCall, resultOf } from "../net/api";
+import { calibrating, cell } from "../state/cell";
 import { room } from "../state/room";
 import { show } from "../state/scans";
+import { refreshNow } from "../state/updates";
+import { mm } from "../texts/format";
+import { t } from "../texts/translate";
 import { Act, Failed, type Action } from "../ui/action";
 import { MethodField } from "../ui/method_field";
 import { NumberField } from "../ui/number_field";
-import { readNumber } from "../words/number";
-import { CALIBRATES, METHODS } from "../words/states";
-import { mm } from "../words/units";
-import { Hold } from "./hold";
-import { radiusOf, RadiusField, readRadius } from "./radius";
-import { Reach } from "./reach";
+import { parseNumber } from "../ui/parse_number";
+import { Connection } from "./connection";
+import { form, type Mode } from "./form_state";
+import { parseRadius, RadiusField, radiusMetres } from "./radius_field";
+import { Reachability } from "./reachability";
 import { Recordings } from "./recordings";
-import { wanted, type Mode } from "./wanted";
 
-/** What a scan is started with, and the button that does. */
+/** The form that starts a scan. */
 export function Start({ action }: { action: Action }) {
-  const mode = wanted.mode.value;
-  const recording = wanted.recording.value;
-  const method = wanted.method.value;
-  const radius = readRadius(wanted.radius.value);
-  const views = readNumber(wanted.views.value, { min: 2, max: 32, whole: true });
-  const obstacle = inTheWay(mode, recording);
-  const faulty = radius.fault !== null || (mode === "live" && views.fault !== null);
+  const mode = form.mode.value;
+  const recording = form.recording.value;
+  const method = form.method.value;
+  const radius = parseRadius(form.radius.value);
+  const views = parseNumber(form.views.value, { min: 2, max: 32, whole: true });
+  const obstacle = obstacleText(mode, recording);
+  const invalid = radius.fault !== null || (mode === "live" && views.fault !== null);
 
   async function start(): Promise<void> {
-    const both = { string_radius_m: radiusOf(radius), method };
+    const both = { string_radius_m: radiusMetres(radius), method };
     const body = mode === "live" ? { ...both, mode, views: views.value } : { ...both, mode, recording: recording ?? "" };
-    show(await told(api.POST("/api/scans", { body, ...slowly })));
-    askNow();
+    show(await resultOf(api.POST("/api/scans", { body, ...longCall })));
+    refreshNow();
   }
 
   return (
-    <section class="panel start" aria-label="Start a scan">
+    <section class="panel start" aria-label={t("scan.start.region")}>
       <fieldset>
-        <legend>What to look at</legend>
-        <Choice mode="live">The table, by the arm and its camera</Choice>
-        <Choice mode="replay">A recording of an earlier scan; nothing moves</Choice>
+        <legend>{t("scan.start.source")}</legend>
+        <Choice mode="live" />
+        <Choice mode="replay" />
       </fieldset>
-      {mode === "replay" && <Recordings chosen={recording} choose={(id) => (wanted.recording.value = id)} />}
+      {mode === "replay" && <Recordings chosen={recording} choose={(id) => (form.recording.value = id)} />}
       <div class="row wide">
-        <RadiusField reading={radius} write={(text) => (wanted.radius.value = text)} empty={emptyRadius(mode)} />
-        <MethodField method={method} choose={(chosen) => (wanted.method.value = chosen)} />
+        <RadiusField number={radius} write={(text) => (form.radius.value = text)} empty={radiusPlaceholder(mode)} />
+        <MethodField method={method} choose={(chosen) => (form.method.value = chosen)} />
         {mode === "live" && (
           <NumberField
-            label="Viewpoints"
+            label={t("scan.start.viewpoints")}
             hint="viewpoint"
-            reading={views}
-            write={(text) => (wanted.views.value = text)}
-            empty={room.value ? `${room.value.scan.views}, as set` : "as set"}
+            number={views}
+            write={(text) => (form.views.value = text)}
+            empty={viewsPlaceholder()}
           />
         )}
       </div>
       <p class="small">
-        Method {METHODS[method].name}: {METHODS[method].hint}
+        {t("method.described", { name: t(`method.${method}.name`), hint: t(`method.${method}.hint`) })}
       </p>
       <Act
         action={action}
         kind="main"
         big
         work={start}
-        doing={mode === "live" ? "Preparing arm and camera ..." : "Beginning ..."}
-        disabled={faulty || obstacle !== null}
+        doing={mode === "live" ? t("scan.start.preparing") : t("common.starting")}
+        disabled={invalid || obstacle !== null}
       >
-        {mode === "live" ? "Scan: the arm will move" : "Recognise the recording: nothing moves"}
+        {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
       </Act>
       {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
-      {mode === "live" && views.fault === null && <Reach views={views.value} />}
-      {mode === "live" && <Hold />}
+      {mode === "live" && views.fault === null && <Reachability views={views.value} />}
+      {mode === "live" && <Connection />}
     </section>
   );
 }
 
-/** Why no scan can be begun now, in words; null: one can. */
-function inTheWay(mode: Mode, recording: string | null): string | null {
-  if (mode === "replay" && recording === null) return "Choose a recording first.";
-  if (mode === "live" && cell.value?.state === "fault") return "The fault above comes first.";
-  return calibrates.value ? CALIBRATES : null;
+/** Return why no scan can be started now; null: one can. */
+function obstacleText(mode: Mode, recording: string | null): string | null {
+  if (mode === "replay" && recording === null) return t("scan.start.choose_recording");
+  if (mode === "live" && cell.value?.state === "fault") return t("scan.start.fault_first");
+  return calibrating.value ? t("scan.start.calibrating") : null;
 }
 
-function emptyRadius(mode: Mode): string {
-  const set = room.value?.scan.string_radius_m;
-  if (mode === "replay") return "as recorded";
-  return set ? `${mm(set)}, as set` : "measure it";
+function radiusPlaceholder(mode: Mode): string {
+  const configured_m = room.value?.scan.string_radius_m;
+  if (mode === "replay") return t("scan.start.as_recorded");
+  return configured_m ? t("scan.start.configured", { value: mm(configured_m) }) : t("scan.start.measure");
 }
 
-function Choice({ mode, children }: { mode: Mode; children: string }) {
+function viewsPlaceholder(): string {
+  if (room.value === null) return t("scan.start.configured_unknown");
+  return t("scan.start.configured", { value: room.value.scan.views });
+}
+
+function Choice({ mode }: { mode: Mode }) {
   return (
     <label class="tick">
-      <input type="radio" name="mode" checked={mode === wanted.mode.value} onChange={() => (wanted.mode.value = mode)} />
-      {children}
+      <input type="radio" name="mode" checked={mode === form.mode.value} onChange={() => (form.mode.value = mode)} />
+      {t(`scan.start.${mode}`)}
     </label>
   );
 }

@@ -1,30 +1,31 @@
 import type { Scan } from "../net/api";
+import { sentence } from "../texts/sentence";
+import { t } from "../texts/translate";
 import { Picture } from "../ui/picture";
-import { sentence } from "../words/sentence";
 
-const WORDS = { moving: "on the way", recorded: "taken", missing: "missing" } as const;
+type View = Scan["progress"]["views"][number];
 
 interface ViewsProps {
   scan: Scan;
-  /** Numbers of viewpoints that the arm has not come to yet. */
-  coming?: readonly number[];
+  /** Indices of the viewpoints that the arm has not reached yet. */
+  planned?: readonly number[];
 }
 
-/** Each viewpoint of a live scan, with what the camera measured there as it comes in. */
-export function Views({ scan, coming = [] }: ViewsProps) {
-  const met = scan.progress.views;
-  const all = [...met.map((view) => view.index), ...coming].sort((a, b) => a - b);
-  const reasons = scan.progress.views.filter((view) => view.state === "missing" && view.reason !== null);
+/** The views of a live scan, with the height image of each recorded one. */
+export function Views({ scan, planned = [] }: ViewsProps) {
+  const { views } = scan.progress;
+  const indices = [...views.map((view) => view.index), ...planned].sort((a, b) => a - b);
+  const missing = views.filter((view) => view.state === "missing" && view.reason !== null);
   return (
     <>
-      <ol class="views" aria-label="Views">
-        {all.map((index) => (
-          <Card key={index} scan={scan} index={index} view={met.find((one) => one.index === index)} />
+      <ol class="views" aria-label={t("common.views")}>
+        {indices.map((index) => (
+          <Card key={index} scan={scan} index={index} view={views.find((one) => one.index === index)} />
         ))}
       </ol>
-      {reasons.map((view) => (
-        <p key={view.index} class="note warn">
-          {sentence(`View ${view.index} is missing: ${view.reason ?? ""}`)}
+      {missing.map(({ index, reason }) => (
+        <p key={index} class="note warn">
+          {sentence(t("scan.views.missing", { index, reason: reason ?? t("common.no_reason") }))}
         </p>
       ))}
     </>
@@ -34,23 +35,20 @@ export function Views({ scan, coming = [] }: ViewsProps) {
 interface CardProps {
   scan: Scan;
   index: number;
-  /** Undefined: the arm has not come to it yet. */
-  view: Scan["progress"]["views"][number] | undefined;
+  /** Undefined: the arm has not reached it yet. */
+  view: View | undefined;
 }
 
 function Card({ scan, index, view }: CardProps) {
-  const words = view === undefined ? "to come" : WORDS[view.state];
+  const state = t(`view_state.${view?.state ?? "planned"}`);
   return (
     <li class={view?.state ?? ""} value={index}>
       {view?.state === "recorded" ? (
-        <Picture
-          src={`/api/scans/${scan.id}/views/${index}.png`}
-          alt={`Height above the table, seen from viewpoint ${index}`}
-        />
+        <Picture src={`/api/scans/${scan.id}/views/${index}.png`} alt={t("scan.views.alt", { index })} />
       ) : (
         <span class="picture">{view?.state === "moving" ? "..." : view?.state === "missing" ? "✗" : ""}</span>
       )}
-      {index} {words}
+      {t("scan.views.label", { index, state })}
     </li>
   );
 }

@@ -1,39 +1,40 @@
 import { computed, signal } from "@preact/signals";
-import { api, slugOf, told, type Calibration, type Cell } from "../net/api";
+import { api, resultOf, type Calibration, type Cell } from "../net/api";
+import { slugOf } from "../texts/problem";
 
-/** The cell as last told; null: not asked yet. */
+/** The last known state of the cell; null: not requested yet. */
 export const cell = signal<Cell | null>(null);
-/** The calibration in use, as last told. */
+/** The last known active calibration. */
 export const calibration = signal<Calibration | null>(null);
 
-/** Why the cell is not ready, in one word. */
-export const why = computed(() => (cell.value?.problem ? slugOf(cell.value.problem) : null));
+/** Slug of the problem because of which the cell is not ready. */
+export const problemSlug = computed(() => (cell.value?.problem ? slugOf(cell.value.problem) : null));
 
-/** The arm moves, or may begin to at any moment. */
+/** Whether the arm moves, or may start to move at any moment. */
 export const atWork = computed(() => cell.value?.state === "busy" || cell.value?.robot.moving === true);
 
-/** A calibration or verification is under way: no scan can be begun. */
-export const calibrates = computed(() => Boolean(calibration.value?.under_way));
+/** Whether a calibration or verification runs: no scan can be started. */
+export const calibrating = computed(() => Boolean(calibration.value?.under_way));
 
-/** Asks for the cell. */
-export async function askCell(): Promise<void> {
-  const [heard, before] = [events, cell.value?.calibration?.sha256];
-  const asked = await told(api.GET("/api/cell"));
-  if (events !== heard) return; // it may be older than what was heard meanwhile, and is asked for again at once
-  cell.value = asked;
-  const other = cell.value.calibration?.sha256 !== before;
-  if (calibration.value === null || other || calibrates.value || cell.value.state === "busy") await askCalibration();
+/** Request the state of the cell. */
+export async function refreshCell(): Promise<void> {
+  const [eventsBefore, before] = [events, cell.value?.calibration?.sha256];
+  const answer = await resultOf(api.GET("/api/cell"));
+  if (events !== eventsBefore) return; // the answer may be older than the event; the state is requested again at once
+  cell.value = answer;
+  const changed = cell.value.calibration?.sha256 !== before;
+  if (calibration.value === null || changed || calibrating.value || cell.value.state === "busy") await refreshCalibration();
 }
 
-/** Asks for the calibration in use: its age, its verdict, what recent scans tell of it. */
-export async function askCalibration(): Promise<void> {
-  calibration.value = await told(api.GET("/api/calibration"));
+/** Request the active calibration: its age, its verdict and its drift. */
+export async function refreshCalibration(): Promise<void> {
+  calibration.value = await resultOf(api.GET("/api/calibration"));
 }
 
 let events = 0;
 
-/** Takes over what an event tells of the cell, ahead of the next answer. */
-export function cellEvent(news: Pick<Cell, "state" | "problem" | "reason">): void {
+/** Apply an event of the cell, before the next answer. */
+export function cellEvent(change: Pick<Cell, "state" | "problem" | "reason">): void {
   events++;
-  if (cell.value !== null) cell.value = { ...cell.value, ...news };
+  if (cell.value !== null) cell.value = { ...cell.value, ...change };
 }

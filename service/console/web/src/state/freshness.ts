@@ -1,22 +1,22 @@
 import { computed, signal } from "@preact/signals";
-import { heardAt } from "../net/request";
+import { answeredAt } from "../net/request";
 
-/** Behind so long without an answer, what is shown is taken for old. */
+/** After this time without an answer, the shown state counts as outdated. */
 const LOST_S = 4;
 
-/** Ticks each second. */
+/** Updated each second. */
 export const now = signal(performance.now());
 setInterval(() => (now.value = performance.now()), 1000);
 
-const began = performance.now();
+const started = performance.now();
 
-/** Since when nothing was heard of the service, in seconds. */
-export const silent_s = computed(() => Math.max(0, (now.value - (heardAt.value ?? began)) / 1000));
+/** Time since the last answer of the service, seconds. */
+export const silence_s = computed(() => Math.max(0, (now.value - (answeredAt.value ?? started)) / 1000));
 
-/** The service does not answer: what is shown is old. */
-export const lost = computed(() => silent_s.value > LOST_S);
+/** Whether the service does not answer: the shown state is outdated. */
+export const lost = computed(() => silence_s.value > LOST_S);
 
-/** When it was heard last. */
-export function lastHeard(): Date | null {
-  return heardAt.value === null ? null : new Date(Date.now() - (performance.now() - heardAt.value));
+/** Return the time of the last answer. */
+export function lastAnswer(): Date | null {
+  return answeredAt.value === null ? null : new Date(Date.now() - (performance.now() - answeredAt.value));
 }

@@ -1,11 +1,11 @@
 import { signal } from "@preact/signals";
-import { api, told, type Room } from "../net/api";
+import { api, resultOf, type Room } from "../net/api";
 
-/** What does not change while the service runs: the workspace, the arm's shape, what is set. Null: not asked yet. */
+/** Workspace, arm shape and scan settings, which are constant while the service runs. Null: not requested yet. */
 export const room = signal<Room | null>(null);
 
-/** Asks for it. */
-export async function askRoom(): Promise<void> {
-  const asked: unknown = await told(api.GET("/api/cell/room"));
-  room.value = asked as Room; // the client's types make lists of any length of corners
+/** Request them. */
+export async function loadRoom(): Promise<void> {
+  const answer: unknown = await resultOf(api.GET("/api/cell/room"));
+  room.value = answer as Room; // the client types corners as lists of any length
 }

@@ -1,46 +1,46 @@
 import { computed, signal } from "@preact/signals";
-import { api, told, type Scan } from "../net/api";
-import { underWay } from "../words/states";
+import { api, resultOf, type Scan } from "../net/api";
+import { isActive } from "../texts/states";
 
-/** So many are asked for: behind one scan there may be some that work it out again. */
-const SOME = 10;
+/** Number of scans that are requested: several may recognise an earlier one again. */
+const LISTED = 10;
 
-/** The scan that is shown under way, or was last; null: there is none. */
+/** The scan that runs, or the last one; null: there is none. */
 export const latest = signal<Scan | null>(null);
-/** The newest that does not work out an earlier one again; null: there is none. */
-export const first = signal<Scan | null>(null);
-/** Goes up whenever a scan has begun or ended, so that lists ask anew. */
+/** The newest scan that does not recognise an earlier one again; null: there is none. */
+export const latestOriginal = signal<Scan | null>(null);
+/** Incremented whenever a scan starts or ends, so that lists are requested again. */
 export const changes = signal(0);
 
-/** The scan under way, whoever has started it. */
-export const running = computed(() => (latest.value !== null && underWay(latest.value.state) ? latest.value : null));
+/** The scan that runs, no matter who started it. */
+export const running = computed(() => (latest.value !== null && isActive(latest.value.state) ? latest.value : null));
 
-/** Goes up with all that is shown: an answer to what was asked before may be older than that. */
+/** Incremented with each shown change: an answer to an earlier request may be older. */
 let version = 0;
 
-/** Asks which scan is the newest, and which has looked at the table or at a recording itself. */
-export async function askScans(): Promise<void> {
+/** Request the newest scan, and the newest one that is not a repeated recognition. */
+export async function refreshScans(): Promise<void> {
   const before = version;
-  const { scans } = await told(api.GET("/api/scans", { params: { query: { limit: SOME } } }));
-  if (version !== before) return; // it is asked for again soon
+  const { scans } = await resultOf(api.GET("/api/scans", { params: { query: { limit: LISTED } } }));
+  if (version !== before) return; // requested again soon
   const [newest] = scans;
-  first.value = scans.find((scan) => scan.source === null) ?? first.value;
+  latestOriginal.value = scans.find((scan) => scan.source === null) ?? latestOriginal.value;
   if (newest !== undefined) show(newest);
 }
 
-/** Shows a scan, as it was told. */
+/** Show the reported state of a scan. */
 export function show(scan: Scan): void {
   const before = latest.value;
-  // What has ended goes on no more: that is an event of before, sent again.
-  if (before?.id === scan.id && underWay(scan.state) && !underWay(before.state)) return;
+  // An ended scan does not continue: this is an earlier event, sent again.
+  if (before?.id === scan.id && isActive(scan.state) && !isActive(before.state)) return;
   version++;
   latest.value = scan;
-  if (scan.source === null) first.value = scan;
-  if (before?.id !== scan.id || underWay(before.state) !== underWay(scan.state)) changes.value++;
+  if (scan.source === null) latestOriginal.value = scan;
+  if (before?.id !== scan.id || isActive(before.state) !== isActive(scan.state)) changes.value++;
 }
 
 /** An event of the stream of all scans. */
-export type ScanNews =
+export type ScanEvent =
   | { kind: "state"; scan: string; data: Pick<Scan, "state" | "problem" | "summary"> & Stage }
   | { kind: "progress"; scan: string; data: Stage }
   | { kind: "view"; scan: string; data: Scan["progress"]["views"][number] };
@@ -50,27 +50,27 @@ interface Stage {
   fraction: number;
 }
 
-/** Takes over what an event tells; what it does not tell, as a scan's links, is asked for. */
-export async function scanEvent(news: ScanNews): Promise<void> {
+/** Apply an event; request what it does not contain, such as the scan's links. */
+export async function scanEvent(event: ScanEvent): Promise<void> {
   const scan = latest.value;
-  if (scan === null || scan.id !== news.scan) {
-    if (news.kind === "state") await askScans();
+  if (scan === null || scan.id !== event.scan) {
+    if (event.kind === "state") await refreshScans();
     return;
   }
-  if (news.kind === "view") {
-    const others = scan.progress.views.filter((view) => view.index !== news.data.index);
-    const views = [...others, news.data].sort((a, b) => a.index - b.index);
+  if (event.kind === "view") {
+    const others = scan.progress.views.filter((view) => view.index !== event.data.index);
+    const views = [...others, event.data].sort((a, b) => a.index - b.index);
     return show({ ...scan, progress: { ...scan.progress, views } });
   }
-  const { stage, fraction } = news.data;
-  const state = news.kind === "state" ? news.data.state : scan.state;
+  const { stage, fraction } = event.data;
+  const state = event.kind === "state" ? event.data.state : scan.state;
   show({ ...scan, state, progress: { ...scan.progress, stage, fraction } });
-  if (news.kind === "state") await askScan(scan.id);
+  if (event.kind === "state") await refreshScan(scan.id);
 }
 
-/** Asks for one scan, and shows it. */
-async function askScan(id: string): Promise<void> {
+/** Request one scan, and show it. */
+async function refreshScan(id: string): Promise<void> {
   const before = version;
-  const asked = await told(api.GET("/api/scans/{id}", { params: { path: { id } } }));
-  if (version === before) show(asked);
+  const answer = await resultOf(api.GET("/api/scans/{id}", { params: { path: { id } } }));
+  if (version === before) show(answer);
 }

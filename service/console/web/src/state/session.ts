@@ -1,7 +1,7 @@
 import { computed, signal } from "@preact/signals";
-import { api, told, type Caller } from "../net/api";
+import { api, resultOf, type Caller } from "../net/api";
 
-/** Who is signed in; null: nobody; undefined: not known yet. */
+/** The signed-in caller; null: nobody; undefined: not requested yet. */
 export const caller = signal<Caller | null | undefined>(undefined);
 
 const RANKS = ["viewer", "operator", "maintainer"];
@@ -10,23 +10,23 @@ function atLeast(role: string) {
   return computed(() => RANKS.indexOf(caller.value?.role ?? "") >= RANKS.indexOf(role));
 }
 
-/** May scan. The service decides; this only shows what there is no use in showing to others. */
-export const operates = atLeast("operator");
-/** May acknowledge faults and calibrate. */
-export const maintains = atLeast("maintainer");
+/** Whether the caller may scan. The service decides; the console only hides what is of no use. */
+export const canOperate = atLeast("operator");
+/** Whether the caller may acknowledge faults and calibrate. */
+export const canMaintain = atLeast("maintainer");
 
-/** Asks who is signed in. */
-export async function askSession(): Promise<void> {
-  caller.value = (await told(api.GET("/api/session"))).caller;
+/** Request the signed-in caller. */
+export async function refreshSession(): Promise<void> {
+  caller.value = (await resultOf(api.GET("/api/session"))).caller;
 }
 
-/** Signs in by a token. */
+/** Sign in with a token. */
 export async function signIn(token: string): Promise<void> {
-  caller.value = (await told(api.POST("/api/session", { body: { token } }))).caller;
+  caller.value = (await resultOf(api.POST("/api/session", { body: { token } }))).caller;
 }
 
-/** Signs out of this browser. */
+/** Sign out of this browser. */
 export async function signOut(): Promise<void> {
-  await told(api.DELETE("/api/session"));
-  await askSession();
+  await resultOf(api.DELETE("/api/session"));
+  await refreshSession();
 }

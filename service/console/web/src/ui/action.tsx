@@ -1,12 +1,13 @@
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { RefusedError } from "../net/api";
-import { GivenUpError, LostError } from "../net/request";
+import { CancelledError, NoAnswerError } from "../net/request";
 import { lost } from "../state/freshness";
-import { sentence } from "../words/sentence";
+import { problemDetail, problemTitle } from "../texts/problem";
+import { rich, t } from "../texts/translate";
 import { WhatToDo } from "./manual";
 
-/** Why something came to nothing, for people. */
+/** Why an action failed, for people. */
 export interface Failure {
   title: string;
   detail: string;
@@ -16,39 +17,40 @@ export interface Failure {
   retryAfter_s: number | null;
 }
 
-/** An error as it is told; what nobody has foreseen is thrown on. */
+/** Describe an error for people; throw it again if it is unexpected. */
 export function failureOf(error: unknown): Failure {
   if (error instanceof RefusedError) {
-    const { title, detail, type } = error.problem;
-    return { title, detail, slug: error.slug, problem: type, retryAfter_s: error.retryAfter_s };
+    const { slug, problem, retryAfter_s } = error;
+    const title = problemTitle(slug, problem.title);
+    return { title, detail: problemDetail(slug, problem.detail), slug, problem: problem.type, retryAfter_s };
   }
-  if (error instanceof LostError) {
-    const detail = `${error.message}: whether it was done is not known. Look at the state above, then try again.`;
-    return { title: "The service did not answer", detail, slug: "lost", problem: null, retryAfter_s: null };
+  if (error instanceof NoAnswerError) {
+    const { timeout_s } = error;
+    const detail =
+      timeout_s === null ? t("failure.lost.network") : t("failure.lost.timeout", { seconds: timeout_s });
+    return { title: t("failure.lost.title"), detail, slug: "lost", problem: null, retryAfter_s: null };
   }
-  if (error instanceof GivenUpError) {
-    const detail = "Stop was pressed meanwhile.";
-    return { title: "Given up", detail, slug: "given-up", problem: null, retryAfter_s: null };
+  if (error instanceof CancelledError) {
+    const [title, detail] = [t("failure.cancelled.title"), t("failure.cancelled.detail")];
+    return { title, detail, slug: "cancelled", problem: null, retryAfter_s: null };
   }
   throw error;
 }
 
-/** Something that a button does: one at a time, with its failure until the next try. */
+/** An action of a button: one at a time. Its failure is kept until the next attempt. */
 export interface Action {
   busy: boolean;
   failure: Failure | null;
   run(work: () => Promise<void>): Promise<void>;
-  forget(): void;
 }
 
-/** An action of a component's own. */
+/** Return an action that belongs to a component. */
 export function useAction(): Action {
   const [busy, setBusy] = useState(false);
   const [failure, setFailure] = useState<Failure | null>(null);
   return {
     busy,
     failure,
-    forget: () => setFailure(null),
     async run(work) {
       setBusy(true);
       setFailure(null);
@@ -67,14 +69,14 @@ interface ActProps {
   action: Action;
   work: () => Promise<void>;
   children: ComponentChildren;
-  /** What is said while it goes on. */
+  /** The button's text while the action runs. */
   doing?: string;
   kind?: "main" | "plain";
   big?: boolean;
   disabled?: boolean;
 }
 
-/** A button that asks the service for something: not while what is shown is old, nor twice at a time. */
+/** A button that sends a request. It is disabled while a request runs and while the page is out of date. */
 export function Act({ action, work, children, doing, kind = "plain", big = false, disabled = false }: ActProps) {
   return (
     <button
@@ -88,15 +90,21 @@ export function Act({ action, work, children, doing, kind = "plain", big = false
   );
 }
 
-/** What came of an action, if it came to nothing. */
+/** The failure of an action, if it failed. */
 export function Failed({ failure }: { failure: Failure | null }) {
   return (
     <div role="alert">
       {failure && (
         <p class="note bad">
-          <strong>{failure.title}.</strong> {sentence(failure.detail)} <WhatToDo problem={failure.problem} />
+          {rich("failure.message", { title: failure.title, detail: failure.detail, strong })}{" "}
+          <WhatToDo problem={failure.problem} />
         </p>
       )}
     </div>
   );
+}
+
+/** Draw the tag `<strong>` of a text. */
+export function strong(content: ComponentChildren): ComponentChildren {
+  return <strong>{content}</strong>;
 }

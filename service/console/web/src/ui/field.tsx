@@ -9,7 +9,7 @@ interface FieldProps {
   children: (id: string) => ComponentChild;
 }
 
-/** An input below its name, with what the name means for those who ask. */
+/** An input below its label, with an optional hint that explains the label. */
 export function Field({ label, hint, children }: FieldProps) {
   const id = useId();
   const shown = useHint();

@@ -1,30 +1,43 @@
 import { useId, useState } from "preact/hooks";
-import hints from "../words/hints.json";
+import { t } from "../texts/translate";
 
-/** A word of ours that not everybody knows. */
-export type Term = keyof typeof hints;
+/** A term that not everybody knows: `hint.<term>` explains it. */
+export type Term =
+  | "viewpoint"
+  | "string_radius"
+  | "reachable"
+  | "recording"
+  | "drift"
+  | "method"
+  | "sigma"
+  | "crossing"
+  | "grasp"
+  | "residual"
+  | "board_scale"
+  | "board"
+  | "coverage";
 
-interface Shown {
+interface HintState {
   id: string;
   open: boolean;
   set(open: boolean): void;
 }
 
-/** Whether a hint is open. */
-export function useHint(): Shown {
+/** Return whether a hint is open. */
+export function useHint(): HintState {
   const [open, set] = useState(false);
   return { id: useId(), open, set };
 }
 
-/** Opens and closes a hint. */
-export function HintButton({ name, shown }: { name: string; shown: Shown }) {
+/** The button that opens and closes a hint. */
+export function HintButton({ name, shown }: { name: string; shown: HintState }) {
   return (
     <button
       type="button"
       class="hint"
       aria-expanded={shown.open}
       aria-controls={shown.id}
-      aria-label={`What is: ${name}?`}
+      aria-label={t("help.what_is", { term: name })}
       onClick={() => shown.set(!shown.open)}
       onKeyDown={(event) => {
         if (event.key === "Escape") shown.set(false);
@@ -35,22 +48,21 @@ export function HintButton({ name, shown }: { name: string; shown: Shown }) {
   );
 }
 
-/** What a term means. */
-export function HintText({ term, shown }: { term: Term; shown: Shown }) {
+/** The explanation of a term. */
+export function HintText({ term, shown }: { term: Term; shown: HintState }) {
   return (
     <span id={shown.id} class="hint-text" hidden={!shown.open}>
-      {hints[term]}
+      {t(`hint.${term}`)}
     </span>
   );
 }
 
-/** A term with a button beside it that says what it means. */
-export function Hint({ term, children }: { term: Term; children?: string }) {
+/** A term with a button that explains it. */
+export function Hint({ term, children }: { term: Term; children: string }) {
   const shown = useHint();
-  const name = children ?? term;
   return (
     <span class="hinted">
-      {name} <HintButton name={name} shown={shown} />
+      {children} <HintButton name={children} shown={shown} />
       <HintText term={term} shown={shown} />
     </span>
   );

@@ -1,6 +1,7 @@
 import type { ComponentChildren } from "preact";
 import type { Screen } from "../route";
-import { slugOf } from "../net/api";
+import { slugOf } from "../texts/problem";
+import { findText, t } from "../texts/translate";
 
 const MANUAL = "/manual";
 
@@ -16,15 +17,15 @@ export const SECTIONS: Record<Screen | "sign-in", string> = {
 interface ManualLinkProps {
   /** Page below the manual's address, with its section. */
   page: string;
-  /** The accessible name, which begins with the text that is shown. */
+  /** The accessible name, which begins with the visible text. */
   name: string;
   children: ComponentChildren;
 }
 
-/** A link to a page of the manual. It opens in another tab, so that STOP stays in view in this one. */
+/** A link to a page of the manual. It opens in another tab, so that STOP stays visible in this one. */
 export function ManualLink({ page, name, children }: ManualLinkProps) {
   return (
-    <a href={`${MANUAL}/${page}`} target="_blank" rel="noopener" aria-label={`${name} (opens in a new tab)`}>
+    <a href={`${MANUAL}/${page}`} target="_blank" rel="noopener" aria-label={t("help.new_tab", { name })}>
       {children}
     </a>
   );
@@ -32,7 +33,7 @@ export function ManualLink({ page, name, children }: ManualLinkProps) {
 
 const SERVICE_PROBLEM = /^urn:pointchain:[a-z0-9-]+$/;
 
-/** The operator's section of each problem type that a person mends at the cell. */
+/** The operator's section about each problem type that a person resolves at the cell. */
 export const FAULTS: Record<string, string> = {
   "not-connected": "not-connected",
   "released": "not-connected",
@@ -62,15 +63,15 @@ export const FAULTS: Record<string, string> = {
   "interrupted": "the-service-does-not-answer",
 };
 
-/** A link to the section on a problem type; nothing for problems that the service did not name. */
+/** A link to the section about a problem type; nothing if the service named none. */
 export function WhatToDo({ problem }: { problem: string | null }) {
   if (problem === null || !SERVICE_PROBLEM.test(problem)) return null;
   const slug = slugOf(problem);
   const fault = FAULTS[slug];
   const page = fault === undefined ? `planner/errors.html#${slug}` : `operator/faults.html#${fault}`;
   return (
-    <ManualLink page={page} name={`What to do: ${slug.replaceAll("-", " ")}`}>
-      What to do
+    <ManualLink page={page} name={t("help.what_to_do_about", { problem: findText(`problem.${slug}.title`) ?? slug.replaceAll("-", " ") })}>
+      {t("help.what_to_do")}
     </ManualLink>
   );
 }

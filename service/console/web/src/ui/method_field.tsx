@@ -1,16 +1,17 @@
 import type { Method } from "../net/api";
-import { METHODS } from "../words/states";
+import { METHODS } from "../texts/states";
+import { t } from "../texts/translate";
 import { Field } from "./field";
 
-/** Asks for the method of recognition. */
+/** The choice of the recognition method. */
 export function MethodField({ method, choose }: { method: Method; choose: (method: Method) => void }) {
   return (
-    <Field label="Method" hint="method">
+    <Field label={t("field.method")} hint="method">
       {(id) => (
         <select id={id} value={method} onChange={(event) => choose(event.currentTarget.value as Method)}>
-          {Object.entries(METHODS).map(([value, { name }]) => (
+          {METHODS.map((value) => (
             <option key={value} value={value}>
-              {name}
+              {t(`method.${value}.name`)}
             </option>
           ))}
         </select>

@@ -1,18 +1,18 @@
-import type { Reading } from "../words/number";
 import { Field } from "./field";
 import type { Term } from "./hint";
+import type { ParsedNumber } from "./parse_number";
 
 interface NumberFieldProps {
   label: string;
   hint?: Term;
-  reading: Reading;
+  number: ParsedNumber;
   write: (text: string) => void;
-  /** What it is when nothing is written. */
+  /** Placeholder: the value that applies if the field is empty. */
   empty: string;
 }
 
-/** An input for a number, which says at once what is wrong with what is written. */
-export function NumberField({ label, hint, reading, write, empty }: NumberFieldProps) {
+/** An input for a number, which shows at once what is wrong with it. */
+export function NumberField({ label, hint, number, write, empty }: NumberFieldProps) {
   return (
     <Field label={label} hint={hint}>
       {(id) => (
@@ -22,14 +22,14 @@ export function NumberField({ label, hint, reading, write, empty }: NumberFieldP
             class="number"
             inputMode="decimal"
             autocomplete="off"
-            value={reading.text}
+            value={number.text}
             placeholder={empty}
-            aria-invalid={reading.fault !== null}
+            aria-invalid={number.fault !== null}
             aria-describedby={`${id}-fault`}
             onInput={(event) => write(event.currentTarget.value)}
           />
           <span id={`${id}-fault`} class="fault-text" role="status">
-            {reading.fault}
+            {number.fault}
           </span>
         </>
       )}

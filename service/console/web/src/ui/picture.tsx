@@ -1,9 +1,10 @@
 import { useEffect, useState } from "preact/hooks";
 import { takeSlot, type Slot } from "../net/slots";
+import { t } from "../texts/translate";
 
-/** Behind so long without an answer, the slot is wanted for others. */
-const LIMIT_MS = 30_000;
-const AGAIN_MS = 1000;
+/** A slot is freed for other requests after this time without an answer. */
+const TIMEOUT_MS = 30_000;
+const RETRY_MS = 1000;
 
 interface PictureProps {
   src: string;
@@ -11,7 +12,7 @@ interface PictureProps {
   class?: string;
 }
 
-/** A picture of the service's, loaded in one of the slots, so that many of them keep no stop waiting. */
+/** An image of the service, loaded in one of the slots so that images never delay a stop. */
 export function Picture({ src, alt, class: name = "" }: PictureProps) {
   const [slot, setSlot] = useState<Slot | null>(null);
   const [state, setState] = useState<"waiting" | "shown" | "missing">("waiting");
@@ -29,12 +30,12 @@ export function Picture({ src, alt, class: name = "" }: PictureProps) {
         setTimeout(() => {
           taken.free();
           setState((now) => (now === "shown" ? now : "missing"));
-        }, LIMIT_MS),
+        }, TIMEOUT_MS),
       );
       taken.signal.addEventListener("abort", () => {
         taken.free();
-        setSlot(null); // takes the picture's request back
-        timers.push(setTimeout(() => setTries(tries + 1), AGAIN_MS));
+        setSlot(null); // cancels the image's request
+        timers.push(setTimeout(() => setTries(tries + 1), RETRY_MS));
       });
       setSlot(taken);
     });
@@ -50,7 +51,7 @@ export function Picture({ src, alt, class: name = "" }: PictureProps) {
     slot?.free();
     setState(how);
   };
-  if (state === "missing") return <span class={`picture none ${name}`}>no picture</span>;
+  if (state === "missing") return <span class={`picture none ${name}`}>{t("image.missing")}</span>;
   if (slot === null) return <span class={`picture ${name}`} />;
   return <img class={`picture ${name}`} src={src} alt={alt} onLoad={() => done("shown")} onError={() => done("missing")} />;
 }

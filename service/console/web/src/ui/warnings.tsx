@@ -1,10 +1,10 @@
-import { sentence } from "../words/sentence";
-import { counted } from "../words/units";
+import { sentence } from "../texts/sentence";
+import { t } from "../texts/translate";
 
-/** The first say most. */
+/** The service lists the most important warnings first. */
 const SHOWN = 3;
 
-/** What a scan warns of; many of them are folded. */
+/** The warnings of a scan; further ones are collapsed. */
 export function Warnings({ warnings }: { warnings: readonly string[] }) {
   const more = warnings.slice(SHOWN);
   return (
@@ -12,7 +12,7 @@ export function Warnings({ warnings }: { warnings: readonly string[] }) {
       <Notes warnings={warnings.slice(0, SHOWN)} />
       {more.length > 0 && (
         <details>
-          <summary>{counted(more.length, "more warning")}</summary>
+          <summary>{t("warnings.more", { count: more.length })}</summary>
           <Notes warnings={more} />
         </details>
       )}

@@ -8,12 +8,12 @@ import type { ArmPart, ArmShape, Room } from "./scene";
 const STRETCHED = [0, 0, 0, 0, 0, 0];
 const Y = new Vector3(0, 1, 0);
 
-/** The arm with its camera, as the capsules that the service keeps clear of things. Unplaced: see `poseArm`. */
+/** Draw the arm with its camera as the collision capsules of the service. `poseArm` sets its pose. */
 export function drawArm(room: Room | null, palette: Palette): Group {
   const group = new Group();
   if (room === null) return group;
   for (const [part, [from, to]] of partEnds(room.arm, STRETCHED)) {
-    // Each part's ends are fixed to one another, whatever the joints are.
+    // The length of a part does not depend on the joint angles.
     const shape = new CapsuleGeometry(part.radius_m, from.distanceTo(to), 12, 36);
     group.add(new Group().add(...glass(shape, palette.arm, group.children.length)));
   }
@@ -21,9 +21,9 @@ export function drawArm(room: Room | null, palette: Palette): Group {
 }
 
 /**
- * A body through which one sees, but not into the ones that it overlaps: depths are drawn first, a little behind.
+ * Return a translucent mesh that hides the overlap with its neighbours: depths are drawn first, slightly behind.
  *
- * Where surfaces are the same that of the lowest number is seen.
+ * Where surfaces coincide, the one with the lowest number is visible.
  */
 function glass(shape: CapsuleGeometry, colour: Color, number: number): Mesh[] {
   const both = { transparent: true, polygonOffset: true };
@@ -36,7 +36,7 @@ function glass(shape: CapsuleGeometry, colour: Color, number: number): Mesh[] {
   return [depths, surface];
 }
 
-/** Moves the drawn arm to joint angles. */
+/** Move the drawn arm to joint angles. */
 export function poseArm(group: Group, arm: ArmShape, q_rad: readonly number[]): void {
   partEnds(arm, q_rad).forEach(([, [from, to]], index) => {
     const body = group.children[index];
@@ -47,7 +47,7 @@ export function poseArm(group: Group, arm: ArmShape, q_rad: readonly number[]): 
   });
 }
 
-/** The ends of each part's axis at joint angles, base frame. */
+/** Return the ends of each part's axis at joint angles, base frame. */
 export function partEnds(arm: ArmShape, q_rad: readonly number[]): [ArmPart, [Vector3, Vector3]][] {
   const frames = linkFrames(arm, q_rad);
   return arm.parts.map((part) => {

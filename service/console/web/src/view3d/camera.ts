@@ -6,7 +6,7 @@ const FOV_RAD = 0.6;
 const [NEAR_M, FAR_M] = [0.005, 20];
 const [NEAREST_M, FARTHEST_M] = [0.02, 6];
 
-/** The camera that a person turns about what is looked at; up is up, and light comes from beside it. */
+/** An orbit camera with the z axis up and a light beside it. */
 export class Orbit {
   readonly camera = new PerspectiveCamera((FOV_RAD * 180) / Math.PI, 1, NEAR_M, FAR_M);
   private readonly controls: OrbitControls;
@@ -28,21 +28,21 @@ export class Orbit {
     this.camera.updateProjectionMatrix();
   }
 
-  /** Looks from a direction so that all of the points are seen; whether there were any. */
+  /** Fit all points from a direction; return whether there were any. */
   fit(points: readonly Vector3[], from: Vector3): boolean {
     const framed = framing(points, from, FOV_RAD, this.camera.aspect);
     if (framed) this.place(framed);
     return framed !== null;
   }
 
-  /** Turns to a point from where the camera is, so near that so much around it is seen. */
+  /** Turn to a point, and approach it until a radius around it fills the view. */
   approach(point: Vector3, around_m: number): void {
     const from = this.camera.position.clone().sub(this.controls.target).normalize();
     const distance = (1.5 * around_m) / Math.tan(FOV_RAD / 2) / Math.min(1, this.camera.aspect);
     this.place({ position: point.clone().addScaledVector(from, distance), target: point });
   }
 
-  /** Above 1: nearer. */
+  /** Zoom in by a factor above 1, or out. */
   zoom(factor: number): void {
     this.controls.dollyOut(factor);
   }
@@ -52,7 +52,7 @@ export class Orbit {
     this.controls.rotateUp(dy_rad);
   }
 
-  /** Of the camera from what it turns about. */
+  /** Distance of the camera from its target, metres. */
   get distance_m(): number {
     return this.controls.getDistance();
   }

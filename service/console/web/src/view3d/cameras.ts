@@ -2,29 +2,30 @@ import {
   BufferGeometry, type Color, DoubleSide, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh,
   MeshBasicMaterial, Vector3,
 } from "three";
+import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
 import type { Model, ViewPose } from "./scene";
 
-/** How far the drawn part of what a camera sees reaches. */
+/** Length of the drawn part of a camera's field of view. */
 const REACH_M = 0.05;
 
-/** From where the views were taken: what each saw, as a pyramid with the view's number. */
+/** Draw the camera of each view as a pyramid with the view's number. */
 export function drawCameras(views: readonly ViewPose[], model: Model | null, palette: Palette): Group {
   const group = new Group();
   for (const view of views) {
     const quality = model?.quality.views.find((one) => one.index === view.index);
     const used = quality?.used ?? true;
     group.add(pyramid(view, used ? palette.ink : palette.unsure));
-    const place = { kind: "view", index: view.index } as const;
-    const text = { brief: `${view.index}`, kind: used ? "view" : "view unsure", place, rank: 5 };
-    group.add(label(used ? text : { ...text, detail: "not used" }, eyeOf(view)));
+    const target = { kind: "view", index: view.index } as const;
+    const text = { brief: `${view.index}`, kind: used ? "view" : "view unsure", target, rank: 5 };
+    group.add(label(used ? text : { ...text, detail: t("viewer.label.view_unused") }, eyeOf(view)));
   }
   return group;
 }
 
-/** One view's pyramid with its sides filled. */
+/** Draw the pyramid of one view, with its sides filled. */
 export function drawView(view: ViewPose, colour: Color): Group {
   const group = new Group();
   const [a, b, c, d] = cornersOf(view, 1.5 * REACH_M);
@@ -36,7 +37,7 @@ export function drawView(view: ViewPose, colour: Color): Group {
   return group;
 }
 
-/** Where a view's camera was. */
+/** Return the camera position of a view. */
 export function eyeOf(view: ViewPose): Vector3 {
   return new Vector3().setFromMatrixPosition(matrixOf(view.T_base_camera));
 }

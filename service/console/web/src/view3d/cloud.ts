@@ -2,10 +2,10 @@ import { BufferAttribute, BufferGeometry, Group, Points, ShaderMaterial } from "
 import type { Palette } from "./palette";
 import { PIXEL, SHARPNESS } from "./pixel";
 
-/** Of a point in the scene; in the page it is 1.5 to 4 pixels wide. */
+/** Size of a point in the scene; on the page it is 1.5 to 4 pixels wide. */
 const POINT_M = 0.0005;
 
-/** The cloud, coloured by height: dark below, light above. */
+/** Draw the cloud, coloured by height from dark (low) to light (high). */
 export function drawCloud(xyz: Float32Array | null, palette: Palette): Group {
   const group = new Group();
   if (xyz === null || xyz.length === 0) return group;

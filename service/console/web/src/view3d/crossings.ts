@@ -1,23 +1,24 @@
 import { Group, InstancedMesh, MeshBasicMaterial, Object3D, TorusGeometry, Vector3 } from "three";
-import { mm, percent } from "../words/units";
-import { pointAt } from "./along";
+import { mm, percent } from "../texts/format";
+import { t } from "../texts/translate";
+import { pointAt } from "./arc_length";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { rod } from "./rod";
-import { type Crossing, isUnsure, type Model } from "./scene";
+import { type Crossing, isUncertain, type Model } from "./scene";
 
-/** In radii of the string: how far a crossing's stem stands out above, and the ring round one that is not certain. */
+/** In string radii: height of a crossing's stem, and radius of the ring around an uncertain crossing. */
 const [STEM, RING] = [5, 3.5];
 const DASHES = 12;
 
-/** A crossing's two places, base frame. */
+/** The two strand positions of a crossing, base frame. */
 export interface Strands {
   over: Vector3;
   under: Vector3;
   radius_m: number;
 }
 
-/** Where a crossing's strands are; null when the model has no such strings. */
+/** Return the strand positions of a crossing; null if the model has no such strings. */
 export function strandsOf(crossing: Crossing, model: Model): Strands | null {
   const over = model.chains.find((chain) => chain.id === crossing.over.chain);
   const under = model.chains.find((chain) => chain.id === crossing.under.chain);
@@ -29,7 +30,7 @@ export function strandsOf(crossing: Crossing, model: Model): Strands | null {
   };
 }
 
-/** Crossings: a stem between the two strands and up to the label; a dashed ring round those that are not certain. */
+/** Draw a stem through the two strands of each crossing, and a dashed ring around uncertain ones. */
 export function drawCrossings(model: Model | null, palette: Palette): Group {
   const group = new Group();
   for (const crossing of model?.crossings ?? []) {
@@ -37,15 +38,15 @@ export function drawCrossings(model: Model | null, palette: Palette): Group {
     if (strands === null) continue;
     const { over, under, radius_m: r } = strands;
     const top = over.clone().add(new Vector3(0, 0, STEM * r));
-    const unsure = isUnsure(crossing);
+    const unsure = isUncertain(crossing);
     const colour = unsure ? palette.unsure : palette.ink;
     group.add(rod(under, over, 0.22 * r, colour), rod(over, top, 0.22 * r, colour));
     if (unsure) group.add(dashedRing(over, RING * r, 0.35 * r, palette));
     const text = {
-      brief: `${crossing.id}${unsure ? " ?" : ""}`,
-      detail: crossingWords(crossing),
+      brief: unsure ? t("viewer.label.uncertain", { id: crossing.id }) : `${crossing.id}`,
+      detail: crossingText(crossing),
       kind: unsure ? "crossing unsure" : "crossing",
-      place: { kind: "crossing", id: crossing.id } as const,
+      target: { kind: "crossing", id: crossing.id } as const,
       rank: 0,
     };
     group.add(label(text, top));
@@ -53,14 +54,15 @@ export function drawCrossings(model: Model | null, palette: Palette): Group {
   return group;
 }
 
-/** What lies over what, in words. */
-export function crossingWords(crossing: Crossing): string {
+/** Describe which strand lies over which. */
+export function crossingText(crossing: Crossing): string {
   const [over, under] = [crossing.over, crossing.under].map((strand) => {
-    const name = crossing.over.chain === crossing.under.chain ? "" : `string ${strand.chain} at `;
-    return name + mm(strand.s_m, 0);
+    const at = mm(strand.s_m, 0);
+    return crossing.over.chain === crossing.under.chain ? at : t("viewer.label.at", { id: strand.chain, at });
   });
-  const sure = isUnsure(crossing) ? `, not certain: ${percent(crossing.confidence)}` : "";
-  return `over ${over} / under ${under}, gap ${mm(crossing.gap_m)}${sure}`;
+  const values = { over: over ?? "", under: under ?? "", gap: mm(crossing.gap_m) };
+  if (!isUncertain(crossing)) return t("viewer.label.crossing", values);
+  return t("viewer.label.crossing_uncertain", { ...values, confidence: percent(crossing.confidence) });
 }
 
 function dashedRing(centre: Vector3, radius_m: number, thick_m: number, palette: Palette): InstancedMesh {

@@ -5,26 +5,26 @@ import { workspaceOf } from "./room";
 import type { Content, Layer } from "./scene";
 
 export const UP = new Vector3(0, 0, 1);
-/** From where one looks: for a look over all, from above with x to the right, and level with the table. */
+/** Viewing directions: an overview, from above with x to the right, and level with the table. */
 export const DIRECTIONS = {
   fit: new Vector3(0.25, -0.75, 0.9).normalize(),
   top: new Vector3(0, -1e-4, 1).normalize(),
   side: new Vector3(0, -1, 0.04).normalize(),
 };
-/** Around what is shown some room is left, for labels too. */
+/** Margin around the content, for labels. */
 const MARGIN = 1.15;
 const LEAST_M = 0.05;
-/** Radius of what is drawn about a point. */
+/** Radius of the drawing around a point. */
 const PAD_M = 0.01;
 const CLOUD_SAMPLES = 2000;
 
-/** Where a camera is, and what it turns about. */
+/** Position and target of a camera. */
 export interface Framing {
   position: Vector3;
   target: Vector3;
 }
 
-/** The place in a direction from which all of the points are just seen; `fov_rad` is the picture's height. */
+/** Return the nearest position in a direction from which all points are visible; `fov_rad` is the vertical angle. */
 export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: number, aspect: number): Framing | null {
   const target = middle(points);
   if (target === null) return null;
@@ -40,7 +40,7 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
   return { position: target.clone().addScaledVector(towards, distance), target };
 }
 
-/** What a look over all shows: strings, or points, or else the cell's workspace; and what is shown around them. */
+/** Return the points of the overview: the strings, the cloud or the workspace, and the shown layers around them. */
 export function outlineOf(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
   const { model, room, q_rad, views } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));

@@ -1,4 +1,4 @@
-import { withinChain } from "./along";
+import { withinChain } from "./arc_length";
 import type { Chain, Model } from "./scene";
 
 /** Part of a chain, by arc length; `to_m` may lie beyond a closed chain's length. */
@@ -7,12 +7,12 @@ export interface Piece {
   to_m: number;
 }
 
-/** The under strand is broken for so many radii on either side of a crossing, as in a knot diagram ... */
+/** Gap of the under strand on either side of a crossing, in string radii, as in a knot diagram ... */
 const GAP_RADII = 2.5;
-/** ... and for more where the strands cross at a flat angle, down to this sine. */
+/** ... and longer where the strands cross at a flat angle, down to this sine. */
 const LEAST_SINE = 0.3;
 
-/** What is left of a chain, and what is left out where it passes below another strand. */
+/** Split a chain into shown pieces and the gaps where it passes below another strand. */
 export function broken(chain: Chain, model: Model): { shown: Piece[]; gaps: Piece[] } {
   const gaps = chain.closed ? cutAtStart(merged(gapsOf(chain, model)), chain.length_m) : merged(gapsOf(chain, model));
   const shown: Piece[] = [];
@@ -25,7 +25,7 @@ export function broken(chain: Chain, model: Model): { shown: Piece[]; gaps: Piec
   return { shown: chain.closed ? joinedAtStart(shown, chain.length_m) : shown, gaps };
 }
 
-/** What is left of pieces when so much around places is left out; `places` lie within a chain of this length. */
+/** Remove a margin around `places` (arc lengths) from the pieces of a chain of this length. */
 export function clearOf(
   pieces: readonly Piece[],
   places: readonly number[],
@@ -52,7 +52,7 @@ function gapsOf(chain: Chain, model: Model): Piece[] {
     .map((crossing) => {
       const s = crossing.under.s_m;
       const half = (GAP_RADII * chain.radius_m) / Math.max(Math.sin(crossing.angle_rad), LEAST_SINE);
-      // Where the same string lies over another one close by, it stays whole.
+      // A strand that lies over another one close by stays whole.
       const room = (way: 1 | -1) => Math.min(half, ...overs.map((over) => ahead(chain, s, over, way) / 2));
       return chain.closed
         ? { from_m: s - room(-1), to_m: s + room(1) }
@@ -60,12 +60,12 @@ function gapsOf(chain: Chain, model: Model): Piece[] {
     });
 }
 
-/** Where a chain passes above a strand. */
+/** Return where a chain passes above a strand. */
 export function oversOf(chain: Chain, model: Model): number[] {
   return model.crossings.filter((one) => one.over.chain === chain.id).map((one) => one.over.s_m);
 }
 
-/** How far it is from `s` to `other`, going one way; infinite when it does not lie there. */
+/** Return the distance from `s` to `other` in one direction; infinite if it is not there. */
 function ahead(chain: Chain, s: number, other: number, way: 1 | -1): number {
   const apart = (other - s) * way;
   if (chain.closed) return withinChain(chain, apart);
@@ -82,7 +82,7 @@ function merged(pieces: Piece[]): Piece[] {
   return result;
 }
 
-/** Pieces of a closed chain that reach beyond its first point, in two. */
+/** Split pieces of a closed chain at its first point. */
 function cutAtStart(pieces: Piece[], length_m: number): Piece[] {
   const cut = pieces.flatMap(({ from_m, to_m }) => {
     if (from_m < 0) return [{ from_m: from_m + length_m, to_m: length_m }, { from_m: 0, to_m }];
@@ -92,7 +92,7 @@ function cutAtStart(pieces: Piece[], length_m: number): Piece[] {
   return merged(cut);
 }
 
-/** Pieces of a closed chain, the one that ends and the one that starts at its first point in one. */
+/** Join the pieces of a closed chain that meet at its first point. */
 function joinedAtStart(pieces: Piece[], length_m: number): Piece[] {
   const [first, last] = [pieces[0], pieces.at(-1)];
   if (!first || !last || first === last || first.from_m > 0 || last.to_m < length_m) return pieces;

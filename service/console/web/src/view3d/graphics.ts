@@ -3,21 +3,21 @@ import { WebGLRenderer } from "three";
 /** The browser cannot draw in 3D. */
 export class NoWebGLError extends Error {
   constructor() {
-    super("This browser cannot draw in 3D (it has no WebGL).");
+    super("the browser has no WebGL");
   }
 }
 
-/** Names of what draws without a graphics card. */
+/** Names of software renderers. */
 const SLOW = /swiftshader|llvmpipe|software|basic render/i;
 const SHARPEST = 2;
 
 /**
- * Draws on a canvas, smoothly; as sharp as the screen is where a graphics card does the work.
+ * Open an antialiased renderer; with a graphics card it has the full resolution of the screen.
  *
  * @throws NoWebGLError
  */
 export function openGraphics(canvas: HTMLCanvasElement): WebGLRenderer {
-  // Asked for here and not by three, which would write an error of its own.
+  // Requested here, because three.js would log an error of its own.
   const context = canvas.getContext("webgl2", { alpha: false, antialias: true, powerPreference: "high-performance" });
   if (context === null) throw new NoWebGLError();
   const renderer = new WebGLRenderer({ canvas, context });
@@ -27,7 +27,7 @@ export function openGraphics(canvas: HTMLCanvasElement): WebGLRenderer {
   return renderer;
 }
 
-/** Gives the graphics' memory back; the canvas cannot be used again. */
+/** Free the graphics memory; the canvas cannot be used again. */
 export function closeGraphics(renderer: WebGLRenderer): void {
   renderer.dispose();
   renderer.getContext().getExtension("WEBGL_lose_context")?.loseContext();

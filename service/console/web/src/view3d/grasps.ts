@@ -1,27 +1,29 @@
 import { BoxGeometry, type Color, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Vector3 } from "three";
-import { mm, percent } from "../words/units";
+import { mm, percent } from "../texts/format";
+import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
 import { BEST_GRASPS, type Grasp, type Model, type Room } from "./scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
-/** Drawn fingers are slimmer than real ones, so that those side by side can be told apart. */
+/** Drawn fingers are slimmer than real ones, to tell neighbouring grasps apart. */
 const [THICK_M, WIDE_M, LONG_M] = [0.0007, 0.0018, 0.014];
-/** The best grasps: two fingers beside the string and the bar that joins them. */
+
+/** Draw the best grasps: two fingers beside the string and the bar that joins them. */
 export function drawGrasps(model: Model | null, palette: Palette): Group {
   const group = new Group();
   const grasps = model?.grasps.slice(0, BEST_GRASPS) ?? []; // the best come first
   if (grasps.length === 0) return group;
   group.add(bars(grasps, palette.grasp, { thick: THICK_M, wide: WIDE_M, long: LONG_M }));
   grasps.forEach((grasp, index) => {
-    const place = { kind: "grasp", index } as const;
-    group.add(label({ brief: `grasp ${index}`, kind: "grasp", place, rank: 10 + index }, handleOf(grasp)));
+    const target = { kind: "grasp", index } as const;
+    group.add(label({ brief: t("viewer.label.grasp", { index }), kind: "grasp", target, rank: 10 + index }, handleOf(grasp)));
   });
   return group;
 }
 
-/** One grasp as large as the gripper is, where that is known. */
+/** Draw one grasp in the size of the gripper, where that is known. */
 export function drawGrasp(grasp: Grasp, room: Room | null, colour: Color): Group {
   const group = new Group();
   const gripper = room?.gripper;
@@ -36,12 +38,12 @@ export function drawGrasp(grasp: Grasp, room: Room | null, colour: Color): Group
   return group.add(mesh);
 }
 
-/** A grasp in words. */
-export function graspWords(grasp: Grasp): string {
-  return `opens ${mm(grasp.opening_m)}, score ${percent(grasp.score)}`;
+/** Describe a grasp. */
+export function graspText(grasp: Grasp): string {
+  return t("viewer.label.grasp_detail", { opening: mm(grasp.opening_m), score: percent(grasp.score) });
 }
 
-/** The middle of the bar behind a grasp's fingers. */
+/** Return the middle of the bar behind the fingers of a grasp. */
 export function handleOf(grasp: Grasp): Vector3 {
   return new Vector3(0, 0, grasp.reach_m - LONG_M).applyMatrix4(matrixOf(grasp.T_base_grasp));
 }

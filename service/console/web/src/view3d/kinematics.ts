@@ -2,9 +2,9 @@ import { Matrix4 } from "three";
 import type { ArmShape } from "./scene";
 
 /**
- * Frames of base and links at joint angles: `[k]` maps link k's points to base; 0 is the base, 6 the flange.
+ * Return the frames of base and links at joint angles: `[k]` maps link k's points to base; 0 is the base, 6 the flange.
  *
- * By the Denavit-Hartenberg table, as the service computes them.
+ * The Denavit-Hartenberg table is that of the service.
  */
 export function linkFrames(arm: ArmShape, q_rad: readonly number[]): Matrix4[] {
   const frames = [new Matrix4()];

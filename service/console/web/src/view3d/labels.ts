@@ -1,27 +1,27 @@
 import { type Object3D, type Scene, Vector3 } from "three";
 import { CSS2DObject, CSS2DRenderer } from "three/examples/jsm/renderers/CSS2DRenderer.js";
 import { besides, inside, overlap, type Rectangle } from "./rectangle";
-import type { Place, Point } from "./scene";
-import { pixelsAhead, type Screen, seenAt } from "./screen";
+import type { Target, Point } from "./scene";
+import { pixelsAhead, type Screen, project } from "./screen";
 
-/** What a label says, and what it is for. */
+/** The texts of a label and its target. */
 export interface LabelText {
   /** Always shown. */
   brief: string;
   /** Shown where there is room. */
   detail?: string;
-  /** For the style sheet: one or more words. */
+  /** Style classes. */
   kind: string;
-  /** What a tap on it picks. */
-  place?: Place;
-  /** The lower, the sooner it is placed. What finds no room is left out from 1 on; below 0 all of it is shown. */
+  /** The target that a tap selects. */
+  target?: Target;
+  /** Labels of a lower rank are placed first. From rank 1 on, a label without room is hidden; below 0 it is shown in full. */
   rank: number;
-  /** Radius of the body that it stands at. */
+  /** Radius of the body beside the label, metres. */
   around_m?: number;
 }
 
 interface LabelData {
-  place: Place | null;
+  target: Target | null;
   rank: number;
   around_m: number;
   size: { brief: [number, number]; full: [number, number] } | null;
@@ -29,7 +29,7 @@ interface LabelData {
 
 const DATA = new WeakMap<CSS2DObject, LabelData>();
 
-/** A label at a point, beside which it finds its place. */
+/** Create a label that is placed beside a point. */
 export function label(text: LabelText, point: Point | Vector3): CSS2DObject {
   const element = document.createElement("span");
   element.className = `label3d ${text.kind}`;
@@ -37,7 +37,7 @@ export function label(text: LabelText, point: Point | Vector3): CSS2DObject {
   if (text.detail !== undefined) element.append(small(text.detail));
   const object = new CSS2DObject(element);
   object.position.copy(point instanceof Vector3 ? point : new Vector3().fromArray(point));
-  DATA.set(object, { place: text.place ?? null, rank: text.rank, around_m: text.around_m ?? 0, size: null });
+  DATA.set(object, { target: text.target ?? null, rank: text.rank, around_m: text.around_m ?? 0, size: null });
   return object;
 }
 
@@ -66,19 +66,19 @@ const OFF = 5;
 /** Puts the labels of a scene over the canvas, so that they cover neither one another nor, if long, the strings. */
 export class LabelLayer {
   private readonly renderer: CSS2DRenderer;
-  private taken: { area: Rectangle; place: Place | null; rank: number }[] = [];
+  private taken: { area: Rectangle; target: Target | null; rank: number }[] = [];
 
   constructor(private readonly element: HTMLElement) {
     this.renderer = new CSS2DRenderer({ element });
     element.classList.add("labels3d");
-    element.setAttribute("aria-hidden", "true"); // the page's lists say all of it
+    element.setAttribute("aria-hidden", "true"); // the lists of the page contain the same texts
   }
 
   setSize(width: number, height: number): void {
     this.renderer.setSize(width, height);
   }
 
-  /** Without labels the scale stays. */
+  /** Show or hide the labels; the scale stays. */
   show(shown: boolean): void {
     this.element.classList.toggle("quiet", !shown);
   }
@@ -88,7 +88,7 @@ export class LabelLayer {
     if (this.element.classList.contains("quiet")) return;
     const objects = labelsIn(scene);
     if (objects.some((object) => dataOf(object).size === null)) {
-      this.renderer.render(scene, screen.camera); // puts them into the page, where they have a size
+      this.renderer.render(scene, screen.camera); // adds them to the page, where they get a size
       objects.forEach(measure);
     }
     objects.sort((a, b) => dataOf(a).rank - dataOf(b).rank);
@@ -96,21 +96,21 @@ export class LabelLayer {
     this.renderer.render(scene, screen.camera);
   }
 
-  /** What the label at a point of the canvas stands for. */
-  placeAt(x: number, y: number): Place | null {
+  /** Return the target of the label at a point of the canvas. */
+  placeAt(x: number, y: number): Target | null {
     const finger = { left: x - 6, right: x + 6, top: y - 6, bottom: y + 6 };
-    return this.taken.find(({ area, place }) => place !== null && overlap(area, finger))?.place ?? null;
+    return this.taken.find(({ area, target }) => target !== null && overlap(area, finger))?.target ?? null;
   }
 
-  /** In full where that covers nothing, else in brief, else over strings, else not at all. */
+  /** Place a label in full where it covers nothing, else in brief, else over strings, else hide it. */
   private arrange(object: CSS2DObject, screen: Screen, strings: readonly Rectangle[]): void {
-    const { rank, size, place, around_m } = dataOf(object);
-    const seen = seenAt(object.getWorldPosition(new Vector3()), screen);
-    if (size === null || seen.ahead_m <= 0) return;
-    const off = OFF + (around_m * pixelsAhead(screen)) / seen.ahead_m;
+    const { rank, size, target, around_m } = dataOf(object);
+    const projected = project(object.getWorldPosition(new Vector3()), screen);
+    if (size === null || projected.ahead_m <= 0) return;
+    const off = OFF + (around_m * pixelsAhead(screen)) / projected.ahead_m;
     const free = (area: Rectangle) => inside(area, screen) && !this.taken.some((other) => overlap(other.area, area));
     const clear = (area: Rectangle) => free(area) && !strings.some((one) => overlap(one, area));
-    const [full, brief] = [size.full, size.brief].map((one) => WAYS.map((way) => besides(seen, one, way, off)));
+    const [full, brief] = [size.full, size.brief].map((one) => WAYS.map((way) => besides(projected, one, way, off)));
     const marked = this.taken.filter((other) => other.rank < 0);
     const always = (area: Rectangle) => rank < 1 && !marked.some((other) => overlap(other.area, area));
     const short = rank < 0 ? full : brief;
@@ -118,8 +118,8 @@ export class LabelLayer {
     object.element.classList.toggle("brief", area !== undefined && !full?.includes(area));
     object.element.classList.toggle("crowded", area === undefined);
     if (area === undefined) return;
-    object.center.set((seen.x - area.left) / (area.right - area.left), (seen.y - area.top) / (area.bottom - area.top));
-    this.taken.push({ area, place, rank });
+    object.center.set((projected.x - area.left) / (area.right - area.left), (projected.y - area.top) / (area.bottom - area.top));
+    this.taken.push({ area, target, rank });
   }
 }
 
@@ -132,10 +132,10 @@ function labelsIn(scene: Object3D): CSS2DObject[] {
 }
 
 function dataOf(object: CSS2DObject): LabelData {
-  return DATA.get(object) ?? { place: null, rank: Infinity, around_m: 0, size: null };
+  return DATA.get(object) ?? { target: null, rank: Infinity, around_m: 0, size: null };
 }
 
-/** Notes a label's size, once it is in the page. */
+/** Store the size of a label once it is in the page. */
 function measure(object: CSS2DObject): void {
   const { element } = object;
   const data = dataOf(object);

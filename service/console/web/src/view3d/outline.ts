@@ -1,7 +1,7 @@
 import { BackSide, type Color, ShaderMaterial } from "three";
 import { PIXEL } from "./pixel";
 
-/** An outline round a body: its hull a little larger, of which only the far side is drawn; at least 1.5 pixels. */
+/** Return the material of an outline: the far side of a slightly larger hull, at least 1.5 pixels wide. */
 export function outline(colour: Color, grow_m: number): ShaderMaterial {
   return new ShaderMaterial({
     side: BackSide,

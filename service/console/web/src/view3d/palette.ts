@@ -1,7 +1,7 @@
 import { Color } from "three";
-import { ORDER_STOPS } from "./order";
+import { ORDER_STOPS } from "./order_colours";
 
-/** As the page is. */
+/** Colour scheme of the page. */
 export type Scheme = "light" | "dark";
 
 /** The scene's colours. */
@@ -10,9 +10,9 @@ export interface Palette {
   ink: Color;
   muted: Color;
   line: Color;
-  /** What a person pointed at. */
+  /** The selected target. */
   accent: Color;
-  /** An end that was not seen. */
+  /** An unobserved end. */
   warn: Color;
   unsure: Color;
   grasp: Color;
@@ -21,7 +21,7 @@ export interface Palette {
   cloudHigh: Color;
 }
 
-/** The page's custom properties, and what holds where it has none. */
+/** Custom properties of the page, with defaults. */
 const OF_THE_PAGE = {
   ground: ["--ground", "#ffffff", "#0d1216"],
   ink: ["--ink", "#10181f", "#eff4f7"],
@@ -30,13 +30,13 @@ const OF_THE_PAGE = {
   accent: ["--accent", "#0a4a94", "#9ccaff"],
   warn: ["--warn", "#7a4600", "#ffcb70"],
 } as const;
-/** Those that only the scene has. */
+/** Colours that only the scene has. */
 const OWN: Record<Scheme, Record<Exclude<keyof Palette, keyof typeof OF_THE_PAGE>, string>> = {
   light: { unsure: "#d83a00", grasp: "#b0008e", arm: "#5b6770", cloudLow: "#3c464e", cloudHigh: "#a9b4bc" },
   dark: { unsure: "#ff7a45", grasp: "#ff6ad5", arm: "#9fb0bc", cloudLow: "#5d6972", cloudHigh: "#d5dee4" },
 };
 
-/** The colours in a scheme; those that the page has as well are asked from it. */
+/** Return the colours of a scheme; shared ones come from the style of the page. */
 export function paletteOf(element: Element, scheme: Scheme): Palette {
   const style = getComputedStyle(element);
   const page = (name: keyof typeof OF_THE_PAGE) => {
@@ -61,7 +61,7 @@ export function paletteOf(element: Element, scheme: Scheme): Palette {
 
 const STOPS = ORDER_STOPS.map((stop) => new Color(stop));
 
-/** The colour of a string at a share of its length. */
+/** Return the colour of a string at a fraction of its length. */
 export function orderColour(share: number): Color {
   const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1);
   const from = Math.min(Math.floor(at), STOPS.length - 2);

@@ -1,10 +1,10 @@
 import { type Group, InstancedMesh, type Mesh, type Object3D, type Scene } from "three";
 import { CSS2DObject } from "three/examples/jsm/renderers/CSS2DRenderer.js";
 
-/** A part of the scene: drawn anew when what it shows has changed, and only then. */
+/** A part of the scene, drawn again only when its input has changed. */
 export class Part<Shown extends readonly unknown[]> {
   private shown: Shown | null = null;
-  /** What is drawn; null before the first time. */
+  /** The input that is drawn; null before the first time. */
   group: Group | null = null;
 
   constructor(
@@ -12,7 +12,7 @@ export class Part<Shown extends readonly unknown[]> {
     private readonly draw: (...shown: Shown) => Group,
   ) {}
 
-  /** Draws these, unless they are the ones drawn. */
+  /** Draw an input, unless it is the drawn one. */
   update(...shown: Shown): void {
     if (this.shown?.every((value, index) => Object.is(value, shown[index]))) return;
     const before = this.group;
@@ -20,7 +20,7 @@ export class Part<Shown extends readonly unknown[]> {
     this.group = this.draw(...shown);
     this.group.visible = before?.visible ?? true;
     this.scene.add(this.group);
-    if (before) discard(before); // after the new one is there: their shaders are the same, and stay
+    if (before) discard(before); // after the new one exists, so that the shared shaders stay
   }
 
   set visible(visible: boolean) {
@@ -34,7 +34,7 @@ export class Part<Shown extends readonly unknown[]> {
   }
 }
 
-/** Takes a group out of its scene, and its shapes out of the graphics' memory. */
+/** Remove a group from its scene, and free its graphics memory. */
 function discard(group: Object3D): void {
   group.traverse((object) => {
     if (object instanceof CSS2DObject) object.element.remove();

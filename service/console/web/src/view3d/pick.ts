@@ -1,20 +1,20 @@
 import { Vector3 } from "three";
-import { knot, pieceCount } from "./along";
+import { knot, pieceCount } from "./arc_length";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
-import { BEST_GRASPS, type Chain, type Content, type Layer, type Place } from "./scene";
-import { pixelsAhead, type Screen, type Seen, seenAt } from "./screen";
+import { BEST_GRASPS, type Chain, type Content, type Layer, type Target } from "./scene";
+import { pixelsAhead, type Screen, type Seen, project } from "./screen";
 
-/** A finger is so exact, pixels; where much lies together less is taken for a hit. */
+/** Accuracy of a finger, pixels; less where many targets are close together. */
 const [FINGER, NEAR] = [24, 14];
 
-/** What is shown at a point of the canvas: crossings and grasps before strings, strings before cameras. */
-export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen, x: number, y: number): Place | null {
+/** Return the target at a point of the canvas: crossings and grasps before strings, strings before cameras. */
+export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen, x: number, y: number): Target | null {
   const { model, views } = content;
   const apart = (point: Vector3 | undefined) => {
-    const seen = point && seenAt(point, screen);
-    return seen && seen.ahead_m > 0 ? Math.hypot(seen.x - x, seen.y - y) : Infinity;
+    const projected = point && project(point, screen);
+    return projected && projected.ahead_m > 0 ? Math.hypot(projected.x - x, projected.y - y) : Infinity;
   };
   if (model !== null && shown.has("crossings")) {
     const crossing = nearest(model.crossings, (one) => apart(strandsOf(one, model)?.over), NEAR);
@@ -30,22 +30,22 @@ export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen
   return view && { kind: "view", index: view.index };
 }
 
-/** The one that is the least far, if it is not farther than a limit. */
+/** Return the nearest candidate within a limit. */
 function nearest<T>(all: readonly T[], far: (one: T) => number, limit: number): T | null {
   const found = all.map((one) => ({ one, far: far(one) })).filter((one) => one.far <= limit);
   return found.sort((a, b) => a.far - b.far)[0]?.one ?? null;
 }
 
-/** The string under the pointer that is nearest to the camera; else the one that is nearest to the pointer. */
-function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: number): Place | null {
+/** Return the string under the pointer nearest to the camera, else the string nearest to the pointer. */
+function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: number): Target | null {
   const perMetre = pixelsAhead(screen);
   const found = chains.flatMap((chain) => {
-    const seen = Array.from({ length: pieceCount(chain) + 1 }, (_, k) => {
+    const projected = Array.from({ length: pieceCount(chain) + 1 }, (_, k) => {
       const { point, s_m } = knot(chain, k);
-      return { point, s_m, at: seenAt(new Vector3().fromArray(point), screen) };
+      return { point, s_m, at: project(new Vector3().fromArray(point), screen) };
     });
-    return seen.slice(1).flatMap((to, k) => {
-      const from = seen[k];
+    return projected.slice(1).flatMap((to, k) => {
+      const from = projected[k];
       if (!from || from.at.ahead_m <= 0 || to.at.ahead_m <= 0) return [];
       const share = nearestShare(from.at, to.at, x, y);
       const [u, v] = [from.at.x + (to.at.x - from.at.x) * share, from.at.y + (to.at.y - from.at.y) * share];
@@ -57,18 +57,18 @@ function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: numbe
     });
   });
   const hits = found.filter((one) => one.hit);
-  // Pieces beside one another on one strand are all hit: of those at the same depth the one in the middle counts.
+  // Neighbouring segments of a strand are all hit: the middle one of equal depth counts.
   const front = Math.min(...hits.map((one) => one.ahead_m));
-  const strand = hits.filter((one) => one.ahead_m <= front + radiusOf(chains));
+  const strand = hits.filter((one) => one.ahead_m <= front + radiusMetres(chains));
   const best = (strand.length ? strand : found).sort((a, b) => a.far - b.far)[0];
   return best ? { kind: "point", chain: best.chain, s_m: best.s_m } : null;
 }
 
-function radiusOf(chains: readonly Chain[]): number {
+function radiusMetres(chains: readonly Chain[]): number {
   return Math.max(0, ...chains.map((chain) => chain.radius_m));
 }
 
-/** Which share of a line on the screen is nearest to a pixel. */
+/** Return the fraction of a screen line that is nearest to a pixel. */
 function nearestShare(from: Seen, to: Seen, x: number, y: number): number {
   const [dx, dy] = [to.x - from.x, to.y - from.y];
   const long = dx * dx + dy * dy;

@@ -1,5 +1,5 @@
-/** Size of a pixel of the page at a distance of one metre, metres: read by the shaders, kept by whoever draws. */
+/** Size of a page pixel at a distance of one metre, metres. The stage sets it, and the shaders read it. */
 export const PIXEL = { value: 0.001 };
 
-/** How many of the screen's pixels a pixel of the page has, likewise. */
+/** Number of screen pixels per page pixel, likewise. */
 export const SHARPNESS = { value: 1 };

@@ -6,7 +6,7 @@ export interface Rectangle {
   bottom: number;
 }
 
-/** One of a size that stands `off` a point: to its right where `way` is [1, 0], above it where that is [0, -1]. */
+/** Return a rectangle at the distance `off` from a point: to its right for the direction [1, 0], above for [0, -1]. */
 export function besides(
   at: { x: number; y: number },
   [width, height]: readonly [number, number],
@@ -18,12 +18,12 @@ export function besides(
   return { left, right: left + width, top, bottom: top + height };
 }
 
-/** Whether two have pixels in common. */
+/** Return whether two rectangles overlap. */
 export function overlap(a: Rectangle, b: Rectangle): boolean {
   return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 }
 
-/** Whether all of it is on a screen. */
+/** Return whether a rectangle is on a screen. */
 export function inside(area: Rectangle, { width, height }: { width: number; height: number }): boolean {
   return area.left >= 0 && area.top >= 0 && area.right <= width && area.bottom <= height;
 }

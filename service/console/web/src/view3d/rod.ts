@@ -1,6 +1,6 @@
 import { type Color, CylinderGeometry, Mesh, MeshBasicMaterial, Vector3 } from "three";
 
-/** A thin straight body between two points. */
+/** Draw a thin cylinder between two points. */
 export function rod(from: Vector3, to: Vector3, radius_m: number, colour: Color): Mesh {
   const way = to.clone().sub(from);
   const shape = new CylinderGeometry(radius_m, radius_m, Math.max(way.length(), 1e-6), 8);

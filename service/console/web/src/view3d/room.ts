@@ -13,7 +13,7 @@ const [FINE_M, COARSE_M] = [0.01, 0.1];
 const FINE_UP_TO_M = 1.5;
 const [AXIS_M, AXIS_RADIUS_M, TIP_M] = [0.06, 0.0006, 0.006];
 
-/** The workspace, the table with a grid of 10 mm, obstacles, and the base frame's axes. */
+/** Draw the workspace, the table with a grid of 10 mm, obstacles, and the axes of the base frame. */
 export function drawRoom(room: Room | null, palette: Palette): Group {
   const group = new Group();
   group.add(axes(palette));
@@ -23,14 +23,14 @@ export function drawRoom(room: Room | null, palette: Palette): Group {
   return group;
 }
 
-/** The space that is looked at for strings. */
+/** Draw the workspace, in which strings are searched. */
 export function workspaceOf(room: Room): Box3 {
   const [x, y, z] = room.workspace_m;
   const corner = (which: 0 | 1) => new Vector3(x?.[which] ?? 0, y?.[which] ?? 0, z?.[which] ?? 0);
   return new Box3(corner(0), corner(1));
 }
 
-/** The table below the workspace, in lines; those each 100 mm are stronger and have their place at the edge. */
+/** Draw the table below the workspace as a grid; lines at each 100 mm are stronger and labelled at the edge. */
 function grid(room: Room, palette: Palette): Group {
   const group = new Group();
   const { min, max } = workspaceOf(room);
@@ -52,7 +52,7 @@ function edgeLabel(value_m: number, at: Vector3, axis: string) {
   return label({ brief: `${axis} ${Math.round(value_m * 1000)}`, kind: "tick", rank: 50 }, at);
 }
 
-/** The multiples of a step within a range. */
+/** Return the multiples of a step within a range. */
 function steps(from: number, to: number, step: number): number[] {
   const first = Math.ceil(from / step - 1e-9);
   const count = Math.floor(to / step + 1e-9) - first + 1;
@@ -79,7 +79,7 @@ function obstacle(corners: Room["obstacles_m"][number], palette: Palette): Group
   return group;
 }
 
-/** Where the robot's base is, and which way its axes point. */
+/** Draw the axes of the robot's base. */
 function axes(palette: Palette): Group {
   const group = new Group();
   const dark = palette.ground.getHSL({ h: 0, s: 0, l: 0 }).l < 0.5;

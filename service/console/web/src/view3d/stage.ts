@@ -8,8 +8,8 @@ import { DIRECTIONS, outlineOf } from "./framing";
 import { closeGraphics, openGraphics } from "./graphics";
 import { drawGrasps } from "./grasps";
 import { LabelLayer } from "./labels";
-import { drawMark, whereIs } from "./mark";
-import { drawOthers } from "./others";
+import { drawMark, whereIs } from "./highlight";
+import { drawOthers } from "./compared_methods";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
 import { pick } from "./pick";
@@ -17,7 +17,7 @@ import { PIXEL, SHARPNESS } from "./pixel";
 import { readCloud } from "./ply";
 import { drawRoom } from "./room";
 import { Scale } from "./scale";
-import type { Content, Layer, Place } from "./scene";
+import type { Content, Layer, Target } from "./scene";
 import { covered, pixelsAhead, type Screen } from "./screen";
 import { drawStrings } from "./strings";
 import { onTap } from "./tap";
@@ -25,7 +25,7 @@ import type { View3D } from "./view3d";
 
 const NOTHING: Content = { model: null, cloud: null, views: [], room: null, q_rad: null, others: [] };
 
-/** Holds what is shown, and draws it when something has changed: never by itself. */
+/** Holds the content and draws it only when something has changed. */
 export class Stage implements View3D {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
@@ -48,21 +48,21 @@ export class Stage implements View3D {
   private content = NOTHING;
   private points: Float32Array | null = null;
   private shown: ReadonlySet<Layer> = new Set(["cloud", "strings", "crossings", "labels", "room"]);
-  private marked: Place | null = null;
+  private marked: Target | null = null;
   private palette;
   private frames = 0;
-  private asked: number | null = null;
-  /** Nobody has seen this content yet: the next picture shows all of it. */
-  private unseen = true;
+  private frameRequest: number | null = null;
+  /** Whether the next frame shows the whole content, because it is new. */
+  private needsFit = true;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
     labels: HTMLElement,
-    picked: (place: Place) => void,
+    picked: (target: Target) => void,
   ) {
     this.renderer = openGraphics(canvas);
     this.palette = paletteOf(canvas, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
-    this.orbit = new Orbit(canvas, () => this.ask());
+    this.orbit = new Orbit(canvas, () => this.requestFrame());
     this.scene.add(this.orbit.camera, new AmbientLight(0xffffff, 2));
     this.labels = new LabelLayer(labels);
     this.scale = new Scale(labels);
@@ -78,7 +78,7 @@ export class Stage implements View3D {
   show(content: Content): void {
     if (content.cloud !== this.content.cloud) this.points = content.cloud && readCloud(content.cloud);
     if (content.model !== this.content.model) {
-      this.unseen = true;
+      this.needsFit = true;
       this.marked = null;
     }
     this.content = content;
@@ -94,25 +94,25 @@ export class Stage implements View3D {
   arm(q_rad: readonly number[] | null): void {
     this.content = { ...this.content, q_rad };
     this.poseArm();
-    if (this.shown.has("arm")) this.ask();
+    if (this.shown.has("arm")) this.requestFrame();
   }
 
-  mark(place: Place | null): void {
-    this.marked = place;
+  mark(target: Target | null): void {
+    this.marked = target;
     this.update();
   }
 
-  focus(place: Place): void {
-    this.mark(place);
-    const where = whereIs(place, this.content);
+  focus(target: Target): void {
+    this.mark(target);
+    const where = whereIs(target, this.content);
     if (where === null) return;
-    this.unseen = false;
+    this.needsFit = false;
     this.orbit.approach(where.point, where.around_m);
   }
 
-  look(from: "fit" | "top" | "side"): void {
-    this.unseen = !this.orbit.fit(this.outline(), DIRECTIONS[from]);
-    this.ask();
+  viewFrom(from: "fit" | "top" | "side"): void {
+    this.needsFit = !this.orbit.fit(this.outline(), DIRECTIONS[from]);
+    this.requestFrame();
   }
 
   zoom(factor: number): void {
@@ -129,7 +129,7 @@ export class Stage implements View3D {
   }
 
   dispose(): void {
-    if (this.asked !== null) cancelAnimationFrame(this.asked);
+    if (this.frameRequest !== null) cancelAnimationFrame(this.frameRequest);
     this.ends.abort();
     this.resized.disconnect();
     this.orbit.dispose();
@@ -138,12 +138,12 @@ export class Stage implements View3D {
     closeGraphics(this.renderer);
   }
 
-  /** What is in the graphics' memory is let go while it is lost: later it would belong to nobody. */
+  /** Free the parts when the graphics context is lost: they belong to the lost context. */
   private empty(): void {
     for (const part of Object.values(this.parts)) part.dispose();
   }
 
-  /** Brings the scene up to date with what is to be shown. */
+  /** Update the scene to the content and the shown layers. */
   private update(): void {
     const { parts, content, palette, shown } = this;
     const { model, room, views } = content;
@@ -163,7 +163,7 @@ export class Stage implements View3D {
     }
     this.labels.show(shown.has("labels"));
     this.poseArm();
-    this.ask();
+    this.requestFrame();
   }
 
   private outline(): Vector3[] {
@@ -190,16 +190,16 @@ export class Stage implements View3D {
     this.draw(); // at once: a canvas of a new size is empty
   }
 
-  private ask(): void {
-    this.asked ??= requestAnimationFrame(() => this.draw());
+  private requestFrame(): void {
+    this.frameRequest ??= requestAnimationFrame(() => this.draw());
   }
 
   private draw(): void {
     const screen = this.screen();
     const can = screen.height > 0 && !this.renderer.getContext().isContextLost();
-    if (this.unseen && can) this.unseen = !this.orbit.fit(this.outline(), DIRECTIONS.fit);
-    if (this.asked !== null) cancelAnimationFrame(this.asked);
-    this.asked = null;
+    if (this.needsFit && can) this.needsFit = !this.orbit.fit(this.outline(), DIRECTIONS.fit);
+    if (this.frameRequest !== null) cancelAnimationFrame(this.frameRequest);
+    this.frameRequest = null;
     if (!can) return;
     PIXEL.value = 1 / pixelsAhead(screen);
     SHARPNESS.value = this.renderer.getPixelRatio();
@@ -209,7 +209,7 @@ export class Stage implements View3D {
     this.canvas.dataset.frames = String(++this.frames);
   }
 
-  private tapped(x: number, y: number, picked: (place: Place) => void): void {
+  private tapped(x: number, y: number, picked: (target: Target) => void): void {
     const labelled = this.shown.has("labels") ? this.labels.placeAt(x, y) : null;
     const place = labelled ?? pick(this.content, this.shown, this.screen(), x, y);
     if (place) picked(place);

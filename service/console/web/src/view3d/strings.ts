@@ -2,7 +2,8 @@ import {
   CircleGeometry, type Color, ConeGeometry, Group, InstancedMesh, Mesh, MeshBasicMaterial, MeshLambertMaterial,
   Object3D, SphereGeometry, TorusGeometry, Vector3,
 } from "three";
-import { pieceCount, pointAt } from "./along";
+import { t } from "../texts/translate";
+import { pieceCount, pointAt } from "./arc_length";
 import { broken, clearOf, oversOf, type Piece } from "./gaps";
 import { label } from "./labels";
 import { outline } from "./outline";
@@ -11,11 +12,11 @@ import type { Chain, Model } from "./scene";
 import { colourAt, directionAt, tube } from "./tubes";
 
 const UP = new Vector3(0, 0, 1);
-/** Radii, in those of the string: the bridge of a gap, a ball at an end, a ring at an unseen end, a cone. */
+/** In string radii: the bridge of a gap, the ball at an end, the ring at an unobserved end, a cone. */
 const [GHOST, BALL, RING, CONE] = [0.25, 1.5, 2.2, 1.4];
 const CONES_APART_M = 0.06;
 
-/** The strings: tubes coloured by order, broken where they pass below, with their directions and ends. */
+/** Draw the strings as tubes coloured by order, with gaps where they pass below, directions and ends. */
 export function drawStrings(model: Model | null, palette: Palette): Group {
   const group = new Group();
   for (const chain of model?.chains ?? []) {
@@ -46,7 +47,7 @@ function coloured(): MeshLambertMaterial {
   return new MeshLambertMaterial({ vertexColors: true });
 }
 
-/** Closes a tube at both ends. */
+/** Draw the caps of a tube. */
 function lids(chain: Chain, piece: Piece): Mesh[] {
   return [piece.from_m, piece.to_m].map((s, which) => {
     const material = new MeshLambertMaterial({ color: colourAt(chain, s) });
@@ -57,7 +58,7 @@ function lids(chain: Chain, piece: Piece): Mesh[] {
   });
 }
 
-/** Where a string goes to: cones along it, on pieces that are clear of crossings. */
+/** Draw the direction of a string: cones along it, on pieces clear of crossings. */
 function drawCones(chain: Chain, clear: readonly Piece[], palette: Palette): InstancedMesh {
   const r = chain.radius_m;
   const count = Math.max(1, Math.round(chain.length_m / CONES_APART_M));
@@ -75,42 +76,46 @@ function drawCones(chain: Chain, clear: readonly Piece[], palette: Palette): Ins
   return cones;
 }
 
-/** The place nearest to one of those wanted that is so far inside a piece; null when no piece is long enough. */
+/** Return the arc length nearest to a wanted one with a margin inside a piece; null if no piece is long enough. */
 function into(pieces: readonly Piece[], wanted: readonly number[], margin_m: number): number | null {
   const near = pieces
     .filter((piece) => piece.to_m - piece.from_m > 2 * margin_m)
     .flatMap((piece) =>
       wanted.map((s) => {
-        const place = Math.min(Math.max(s, piece.from_m + margin_m), piece.to_m - margin_m);
-        return { place, moved: Math.abs(place - s) };
+        const target = Math.min(Math.max(s, piece.from_m + margin_m), piece.to_m - margin_m);
+        return { target, moved: Math.abs(target - s) };
       }),
     );
   near.sort((a, b) => a.moved - b.moved);
-  return near[0]?.place ?? null;
+  return near[0]?.target ?? null;
 }
 
 function drawEnds(chain: Chain, palette: Palette): Group {
   const group = new Group();
-  const brief = `string ${chain.id}`;
-  const named = { place: { kind: "chain", id: chain.id }, around_m: BALL * chain.radius_m } as const;
+  const brief = t("viewer.label.string", { id: chain.id });
+  const named = { target: { kind: "chain", id: chain.id }, around_m: BALL * chain.radius_m } as const;
   if (chain.closed) {
-    group.add(label({ brief, detail: "closed, 0 mm is here", kind: "chain", rank: 1, ...named }, at(chain, 0)));
+    group.add(label({ brief, detail: t("viewer.label.closed"), kind: "chain", rank: 1, ...named }, at(chain, 0)));
     return group;
   }
   chain.ends.forEach((end, which) => {
     const s = which === 0 ? 0 : chain.length_m;
-    const words = which === 0 ? "first end" : "last end";
+    const name = which === 0 ? "first_end" : "last_end";
     const text =
       end === "free"
-        ? { brief, detail: words, kind: "chain" }
-        : { brief: `${brief} ?`, detail: `${words}, not seen`, kind: "chain unseen" };
+        ? { brief, detail: t(`viewer.label.${name}`), kind: "chain" }
+        : {
+            brief: t("viewer.label.string_uncertain", { id: chain.id }),
+            detail: t(`viewer.label.${name}_unobserved`),
+            kind: "chain unseen",
+          };
     group.add(...(end === "free" ? ball(chain, s, palette) : ring(chain, s, palette)));
     group.add(label({ ...text, rank: 1 + which, ...named }, at(chain, s)));
   });
   return group;
 }
 
-/** A real end: a full ball. */
+/** Draw an observed end: a full ball. */
 function ball(chain: Chain, s: number, palette: Palette): Mesh[] {
   const shape = new SphereGeometry(BALL * chain.radius_m, 20, 12);
   const material = new MeshLambertMaterial({ color: colourAt(chain, s) });
@@ -119,7 +124,7 @@ function ball(chain: Chain, s: number, palette: Palette): Mesh[] {
   return meshes;
 }
 
-/** An end that was not seen: an open ring. */
+/** Draw an unobserved end: an open ring. */
 function ring(chain: Chain, s: number, palette: Palette): Mesh[] {
   const r = chain.radius_m;
   const mesh = new Mesh(new TorusGeometry(RING * r, 0.35 * r, 8, 28), new MeshBasicMaterial({ color: palette.warn }));

@@ -1,7 +1,7 @@
-/** A finger that moves further than this, in pixels, turns the view and picks nothing. */
+/** A finger that moves further than this, in pixels, turns the view instead of selecting. */
 const STILL = 8;
 
-/** Tells of taps and clicks on an element, pixels from its upper left; gives what ends it. */
+/** Call back on taps and clicks, pixels from the upper left of an element; return a function that ends this. */
 export function onTap(element: HTMLElement, tapped: (x: number, y: number) => void): () => void {
   let down: { id: number; x: number; y: number } | null = null;
   const ends = new AbortController();
@@ -9,7 +9,7 @@ export function onTap(element: HTMLElement, tapped: (x: number, y: number) => vo
   element.addEventListener(
     "pointerdown",
     (event) => {
-      // A second finger: the view is turned or zoomed.
+      // A second finger turns or zooms the view.
       down = event.isPrimary && event.button === 0 ? { id: event.pointerId, x: event.clientX, y: event.clientY } : null;
     },
     { signal },

@@ -1,16 +1,16 @@
 import { BufferAttribute, Color, Curve, TubeGeometry, Vector3 } from "three";
-import { pieceCount, pointAt, withinChain } from "./along";
+import { pieceCount, pointAt, withinChain } from "./arc_length";
 import type { Piece } from "./gaps";
 import { orderColour } from "./palette";
 import type { Chain } from "./scene";
 
 const SIDES = 10;
-/** A chain has at most so many rings: more cost time and look the same. */
+/** Limit of the rings of a chain: more would take time without a visible difference. */
 const MOST_RINGS = 1200;
 
-/** A piece of a chain's centre line, as the model has it: not smoothed. */
+/** A piece of a chain's centre line, not smoothed. */
 class CentreLine extends Curve<Vector3> {
-  /** Directions are taken over so much to either side, or facets would show. */
+  /** Directions are averaged over this length on either side, to hide facets. */
   private readonly reach_m: number;
 
   constructor(
@@ -25,7 +25,7 @@ class CentreLine extends Curve<Vector3> {
     return target.fromArray(pointAt(this.chain, this.at(share)).point);
   }
 
-  // By arc length as it is: nothing to look up.
+  // The curve parameter is the arc length, so no table is needed.
   override getPointAt(share: number, target = new Vector3()): Vector3 {
     return this.getPoint(share, target);
   }
@@ -39,14 +39,14 @@ class CentreLine extends Curve<Vector3> {
   }
 }
 
-/** The direction of a chain at `s_m`, as a mean over `reach_m` to either side. */
+/** Return the direction of a chain at `s_m`, averaged over `reach_m` on either side. */
 export function directionAt(chain: Chain, s_m: number, reach_m: number): Vector3 {
   const ahead = new Vector3().fromArray(pointAt(chain, s_m + reach_m).point);
   const mean = ahead.sub(new Vector3().fromArray(pointAt(chain, s_m - reach_m).point));
   return mean.lengthSq() > 0 ? mean.normalize() : new Vector3().fromArray(pointAt(chain, s_m).direction);
 }
 
-/** A tube along a piece of a chain, coloured by order. */
+/** Return a tube along a piece of a chain, coloured by order. */
 export function tube(chain: Chain, piece: Piece, radius_m: number): TubeGeometry {
   const length = piece.to_m - piece.from_m;
   const share = chain.length_m > 0 ? length / chain.length_m : 1;
@@ -55,7 +55,7 @@ export function tube(chain: Chain, piece: Piece, radius_m: number): TubeGeometry
   const geometry = new TubeGeometry(new CentreLine(chain, piece), rings, radius_m, SIDES, whole);
   const colours: number[] = [];
   for (let ring = 0; ring <= rings; ring++) {
-    // The last ring of a whole closed chain is the first one again, but ends the colours.
+    // The last ring of a closed chain repeats the first one, with the last colour.
     const s = piece.from_m + (ring / rings) * length;
     const { r, g, b } = whole ? orderColour(ring / rings) : colourAt(chain, s);
     for (let side = 0; side <= SIDES; side++) colours.push(r, g, b);
@@ -64,7 +64,7 @@ export function tube(chain: Chain, piece: Piece, radius_m: number): TubeGeometry
   return geometry;
 }
 
-/** The colour of a chain at `s_m`. */
+/** Return the colour of a chain at `s_m`. */
 export function colourAt(chain: Chain, s_m: number): Color {
   return orderColour(chain.length_m > 0 ? withinChain(chain, s_m) / chain.length_m : 0);
 }

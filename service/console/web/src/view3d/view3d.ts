@@ -1,44 +1,44 @@
 import type { Scheme } from "./palette";
-import type { Content, Layer, Place } from "./scene";
+import type { Content, Layer, Target } from "./scene";
 import { Stage } from "./stage";
 
 export { NoWebGLError } from "./graphics";
 export type { Scheme } from "./palette";
-export type { Content, Layer, Other, Place, Room, ViewPose } from "./scene";
+export type { Content, Layer, Other, Target, Room, ViewPose } from "./scene";
 
-/** What the page is told. */
+/** Events for the page. */
 export interface Callbacks {
-  /** A person pointed at something. */
-  picked(place: Place): void;
+  /** A person selected a target. */
+  picked(target: Target): void;
 }
 
-/** The 3D view of a result and its cell. It shows, and moves nothing. */
+/** The 3D view of a result and its cell. It moves nothing. */
 export interface View3D {
-  /** Replaces all; the camera stays where it is when the model is the one shown. */
+  /** Replace the content. The camera keeps its pose if the model is the same. */
   show(content: Content): void;
   layers(shown: ReadonlySet<Layer>): void;
-  /** Where the arm is now; cheap. */
+  /** Set the joint angles of the arm. */
   arm(q_rad: readonly number[] | null): void;
-  /** Highlights a place. */
-  mark(place: Place | null): void;
-  /** Highlights a place and turns the camera to it. */
-  focus(place: Place): void;
-  look(from: "fit" | "top" | "side"): void;
-  /** Above 1: nearer. */
+  /** Highlight a target. */
+  mark(target: Target | null): void;
+  /** Highlight a target, and turn the camera to it. */
+  focus(target: Target): void;
+  viewFrom(from: "fit" | "top" | "side"): void;
+  /** Zoom in by a factor above 1, or out. */
   zoom(factor: number): void;
-  /** Turns about what is looked at: to the left, and up. */
+  /** Rotate about the centre of the view: to the left, and up. */
   rotate(dx_rad: number, dy_rad: number): void;
   scheme(scheme: Scheme): void;
   dispose(): void;
 }
 
 /**
- * Draws on a canvas, with `labels` lying over it: the style sheet view3d.css has its looks.
+ * Draw on a canvas, with the labels in the element `labels` above it. Their styles are in view3d.css.
  *
- * `canvas.dataset.frames` counts what was drawn, `canvas.dataset.points` the cloud's points.
+ * `canvas.dataset.frames` counts the drawn frames, `canvas.dataset.points` the points of the cloud.
  *
  * @throws NoWebGLError when the browser has none.
  */
 export function open3D(canvas: HTMLCanvasElement, labels: HTMLElement, callbacks: Callbacks): View3D {
-  return new Stage(canvas, labels, (place) => callbacks.picked(place));
+  return new Stage(canvas, labels, (target) => callbacks.picked(target));
 }

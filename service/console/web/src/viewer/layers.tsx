@@ -1,33 +1,25 @@
+import { t } from "../texts/translate";
 import type { Layer } from "../view3d/view3d";
 
-const NAMES: [Layer, string][] = [
-  ["strings", "Strings"],
-  ["cloud", "Measured points"],
-  ["crossings", "Crossings"],
-  ["grasps", "Grasps"],
-  ["cameras", "Cameras"],
-  ["arm", "Arm"],
-  ["labels", "Labels"],
-  ["room", "Table"],
-];
+const LAYERS: readonly Layer[] = ["strings", "cloud", "crossings", "grasps", "cameras", "arm", "labels", "room"];
 
 interface LayersProps {
-  /** What there is something of. */
-  there: ReadonlySet<Layer>;
+  /** The layers that have content. */
+  available: ReadonlySet<Layer>;
   shown: ReadonlySet<Layer>;
   set: (shown: ReadonlySet<Layer>) => void;
 }
 
-/** Switches what is drawn. */
-export function Layers({ there, shown, set }: LayersProps) {
+/** The switches of what is drawn. */
+export function Layers({ available, shown, set }: LayersProps) {
   const toggle = (layer: Layer) => set(new Set(shown.has(layer) ? [...shown].filter((one) => one !== layer) : [...shown, layer]));
   return (
     <fieldset class="row layers">
-      <legend class="small">Show</legend>
-      {NAMES.filter(([layer]) => there.has(layer)).map(([layer, name]) => (
+      <legend class="small">{t("viewer.layers")}</legend>
+      {LAYERS.filter((layer) => available.has(layer)).map((layer) => (
         <label key={layer} class="tick">
           <input type="checkbox" checked={shown.has(layer)} onChange={() => toggle(layer)} />
-          {name}
+          {t(`viewer.layer.${layer}`)}
         </label>
       ))}
     </fieldset>

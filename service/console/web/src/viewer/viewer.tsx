@@ -3,34 +3,35 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { cell } from "../state/cell";
 import { lost } from "../state/freshness";
 import { room } from "../state/room";
-import type { Content, Layer, Place, View3D } from "../view3d/view3d";
+import { t } from "../texts/translate";
+import type { Content, Layer, Target, View3D } from "../view3d/view3d";
 import { Picture } from "../ui/picture";
 import { Layers } from "./layers";
 
-/** What a person looks at, and whether the view is to turn to it. */
-export interface Chosen {
-  place: Place;
+/** The selected target, and whether the view turns to it. */
+export interface Selection {
+  target: Target;
   turn: boolean;
 }
 
 interface ViewerProps {
   content: Pick<Content, "model" | "cloud" | "views" | "others">;
-  /** It was recorded at no table that is known here. */
+  /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
-  /** What is shown at first. */
+  /** Layers that are shown at first. */
   layers: readonly Layer[];
-  chosen?: Chosen | null;
-  picked?: (place: Place) => void;
-  /** Shown where the browser cannot draw in 3D. */
-  instead?: string | null;
+  selection?: Selection | null;
+  picked?: (target: Target) => void;
+  /** Image for browsers that cannot draw in 3D. */
+  fallback?: string | null;
 }
 
-/** What is not where the strings are: when it is shown, the view goes back until all is in it. */
+/** Layers far from the strings: when one is shown, the view zooms out to contain it. */
 const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
 
-/** The 3D view. Its code is fetched only now, behind all that must be seen at once; nothing in it can move the robot. */
-export function Viewer({ content, elsewhere = false, layers, chosen = null, picked, instead = null }: ViewerProps) {
+/** The 3D view. Its code is loaded after the rest of the page. Nothing in it can move the robot. */
+export function Viewer({ content, elsewhere = false, layers, selection = null, picked, fallback = null }: ViewerProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const labels = useRef<HTMLDivElement>(null);
   const [view, setView] = useState<View3D | null>(null);
@@ -47,12 +48,12 @@ export function Viewer({ content, elsewhere = false, layers, chosen = null, pick
     let gone = false;
     const dark = matchMedia("(prefers-color-scheme: dark)");
     const follow = () => open?.scheme(dark.matches ? "dark" : "light");
-    // The page is painted first: starting to draw in 3D takes the browser a moment.
+    // The page is painted first, because starting WebGL takes a moment.
     const soon = setTimeout(async () => {
       const { open3D, NoWebGLError } = await import("../view3d/view3d");
       if (gone || canvas.current === null || labels.current === null) return;
       try {
-        open = open3D(canvas.current, labels.current, { picked: (place) => onPick.current?.(place) });
+        open = open3D(canvas.current, labels.current, { picked: (target) => onPick.current?.(target) });
       } catch (error) {
         if (!(error instanceof NoWebGLError)) throw error;
         return setFailed(true);
@@ -72,14 +73,14 @@ export function Viewer({ content, elsewhere = false, layers, chosen = null, pick
   useEffect(() => view?.show({ ...content, room: around, q_rad }), [view, content, around]);
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
-    if (fit > 0) view?.look("fit");
+    if (fit > 0) view?.viewFrom("fit");
   }, [view, fit]);
   useEffect(() => view?.arm(q_rad), [view, q_rad]);
   useEffect(() => {
-    if (chosen === null) view?.mark(null);
-    else if (chosen.turn) view?.focus(chosen.place);
-    else view?.mark(chosen.place);
-  }, [view, chosen]);
+    if (selection === null) view?.mark(null);
+    else if (selection.turn) view?.focus(selection.target);
+    else view?.mark(selection.target);
+  }, [view, selection]);
 
   const keys: Record<string, () => void> = {
     ArrowLeft: () => view?.rotate(TURN, 0),
@@ -88,40 +89,40 @@ export function Viewer({ content, elsewhere = false, layers, chosen = null, pick
     ArrowDown: () => view?.rotate(0, -TURN),
     "+": () => view?.zoom(1.25),
     "-": () => view?.zoom(0.8),
-    "0": () => view?.look("fit"),
+    "0": () => view?.viewFrom("fit"),
   };
 
   return (
     <div class="viewer">
-      <div class="row tools" role="group" aria-label="From where to look">
-        <button type="button" onClick={() => view?.look("fit")}>
-          All
+      <div class="row tools" role="group" aria-label={t("viewer.tools")}>
+        <button type="button" onClick={() => view?.viewFrom("fit")}>
+          {t("viewer.fit")}
         </button>
-        <button type="button" onClick={() => view?.look("top")}>
-          From above
+        <button type="button" onClick={() => view?.viewFrom("top")}>
+          {t("viewer.top")}
         </button>
-        <button type="button" onClick={() => view?.look("side")}>
-          From the side
+        <button type="button" onClick={() => view?.viewFrom("side")}>
+          {t("viewer.side")}
         </button>
-        <button type="button" aria-label="Nearer" onClick={() => view?.zoom(1.25)}>
+        <button type="button" aria-label={t("viewer.zoom_in")} onClick={() => view?.zoom(1.25)}>
           +
         </button>
-        <button type="button" aria-label="Farther" onClick={() => view?.zoom(0.8)}>
+        <button type="button" aria-label={t("viewer.zoom_out")} onClick={() => view?.zoom(0.8)}>
           -
         </button>
       </div>
       <div class="scene">
         {failed && (
-          <div class="instead">
-            <p class="note warn">This browser cannot draw in 3D. All that is known is in words beside this.</p>
-            {instead !== null && <Picture src={instead} alt="The strings from above, and their heights" />}
+          <div class="fallback">
+            <p class="note warn">{t("viewer.no_3d")}</p>
+            {fallback !== null && <Picture src={fallback} alt={t("viewer.preview")} />}
           </div>
         )}
         <canvas
           ref={canvas}
           tabIndex={0}
           role="application"
-          aria-label="The strings in 3D. Arrow keys turn, plus and minus come nearer or go farther, 0 shows all."
+          aria-label={t("viewer.canvas")}
           onKeyDown={(event) => {
             const act = keys[event.key];
             if (act === undefined) return;
@@ -132,26 +133,26 @@ export function Viewer({ content, elsewhere = false, layers, chosen = null, pick
         <div ref={labels} class="labels3d" aria-hidden="true" />
       </div>
       <Layers
-        there={layersOf(content, around !== null, q_rad !== null)}
+        available={layersOf(content, around !== null, q_rad !== null)}
         shown={shown}
-        set={(wanted) => {
-          setShown(wanted);
-          if (FAR.some((layer) => wanted.has(layer) && !shown.has(layer))) setFit((before) => before + 1);
+        set={(next) => {
+          setShown(next);
+          if (FAR.some((layer) => next.has(layer) && !shown.has(layer))) setFit((before) => before + 1);
         }}
       />
     </div>
   );
 }
 
-/** The layers that there is something of. */
+/** Return the layers that have content. */
 function layersOf({ model, cloud, views }: ViewerProps["content"], room: boolean, arm: boolean): ReadonlySet<Layer> {
-  const there: Layer[] = ["labels"];
-  if (model !== null && model.chains.length > 0) there.push("strings");
-  if (model !== null && model.crossings.length > 0) there.push("crossings");
-  if (model !== null && model.grasps.length > 0) there.push("grasps");
-  if (cloud !== null) there.push("cloud");
-  if (views.length > 0) there.push("cameras");
-  if (room) there.push("room");
-  if (arm) there.push("arm");
-  return new Set(there);
+  const available: Layer[] = ["labels"];
+  if (model !== null && model.chains.length > 0) available.push("strings");
+  if (model !== null && model.crossings.length > 0) available.push("crossings");
+  if (model !== null && model.grasps.length > 0) available.push("grasps");
+  if (cloud !== null) available.push("cloud");
+  if (views.length > 0) available.push("cameras");
+  if (room) available.push("room");
+  if (arm) available.push("arm");
+  return new Set(available);
 }

@@ -1,0 +1,60 @@
+import { Badge } from "../bar/status";
+import { calibration } from "../state/cell";
+import { room } from "../state/room";
+import { mm, plusMinus, span } from "../texts/format";
+import { sentence } from "../texts/sentence";
+import { rich, t } from "../texts/translate";
+import { Hint } from "../ui/hint";
+import { boardText } from "./board";
+import { Findings } from "./findings";
+import { Verdict } from "./verdict";
+
+/** The active calibration: its verdict, age and accuracy. */
+export function ActiveCalibration() {
+  const status = calibration.value;
+  if (status === null) return <p>{t("common.loading")}</p>;
+  const used = status.calibration;
+  if (used === null) {
+    return (
+      <section class="panel" aria-label={t("calibration.active.region")}>
+        <h2>
+          <Badge tone="bad">{t("calibration.active.none")}</Badge>
+        </h2>
+        <p>{sentence(status.reason ?? t("calibration.active.calibrate_first"))}</p>
+      </section>
+    );
+  }
+  const unknown = t("common.unknown");
+  return (
+    <section class="panel" aria-label={t("calibration.active.region")}>
+      <h2>{rich("calibration.active.title", { verdict: <Verdict verdict={used.verdict} /> })}</h2>
+      <dl class="figures">
+        <dt>{t("calibration.active.age")}</dt>
+        <dd>{ageText(used.age_s === null ? unknown : span(used.age_s))}</dd>
+        <dt>
+          <Hint term="sigma">{t("calibration.sigma")}</Hint>
+        </dt>
+        <dd>{used.sigma_m === null ? unknown : plusMinus(used.sigma_m)}</dd>
+        <dt>{t("calibration.repeatability")}</dt>
+        <dd>{used.eight_views_m === null ? unknown : mm(used.eight_views_m, 2)}</dd>
+        <dt>
+          <Hint term="drift">{t("calibration.active.drift")}</Hint>
+        </dt>
+        <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.words)}</dd>
+        <dt>{t("calibration.active.board")}</dt>
+        <dd>{boardText(used.board) ?? unknown}</dd>
+      </dl>
+      {[...status.warnings.map((warning) => warning.words), ...used.warnings].map((message) => (
+        <p key={message} class="note warn">
+          ▲ {sentence(message)}
+        </p>
+      ))}
+      <Findings findings={used.findings} />
+    </section>
+  );
+}
+
+function ageText(age: string): string {
+  const days = room.value?.hand_eye_max_age_days;
+  return days === undefined ? age : t("calibration.active.age_limit", { age, days });
+}

@@ -1,0 +1,33 @@
+import { useState } from "preact/hooks";
+import { api, resultOf } from "../net/api";
+import { addressOf, replaceRoute } from "../route";
+import { changes } from "../state/scans";
+import { rich, t } from "../texts/translate";
+import { Failed } from "../ui/action";
+import { useQuery } from "../ui/use_query";
+
+/** Number of results that are requested: several may recognise an earlier scan again. */
+const LISTED = 20;
+
+/** Opens the newest result as soon as there is one. The screen then keeps it, also when another scan ends. */
+export function NewestResult() {
+  const [none, setNone] = useState(false);
+  const failure = useQuery(
+    () => resultOf(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: LISTED } } })),
+    ({ scans }) => {
+      const newest = scans.find((scan) => scan.source === null) ?? scans[0];
+      if (newest !== undefined) replaceRoute("result", newest.id);
+      setNone(newest === undefined);
+    },
+    [changes.value],
+  );
+  const link = (content: preact.ComponentChildren) => <a href={addressOf("scan")}>{content}</a>;
+
+  return (
+    <>
+      <h1>{t("result.title")}</h1>
+      {none ? <p>{rich("result.none", { link })}</p> : failure === null && <p>{t("result.loading")}</p>}
+      <Failed failure={failure} />
+    </>
+  );
+}

@@ -1,0 +1,16 @@
+import { signal } from "@preact/signals";
+import type { Method, Scan } from "../net/api";
+
+export type Mode = Scan["mode"];
+
+/** Content of the form for the next scan, kept as long as the page is open. */
+export const form = {
+  mode: signal<Mode>("live"),
+  /** ID of the recording of a replay. */
+  recording: signal<string | null>(null),
+  method: signal<Method>("graph"),
+  /** As entered, mm. */
+  radius: signal(""),
+  /** Number of viewpoints, as entered. */
+  views: signal(""),
+};

@@ -1,0 +1,52 @@
+import { Badge } from "../bar/status";
+import type { Scan } from "../net/api";
+import { addressOf } from "../route";
+import { canOperate } from "../state/session";
+import { when } from "../texts/format";
+import { foundText, hasModel, isElsewhere, kindOf, outcome, recordedViews, tooFew } from "../texts/states";
+import { t } from "../texts/translate";
+import { EndReason } from "../ui/end_reason";
+import { Warnings } from "../ui/warnings";
+import { RadiusWarning } from "./radius_warning";
+import { RecordingName } from "./recording_name";
+import { Views } from "./views";
+
+/** The outcome of the last scan. */
+export function LastScan({ scan }: { scan: Scan }) {
+  const { word, tone } = outcome(scan);
+  const { summary, problem } = scan;
+  return (
+    <section class="panel" aria-label={t("scan.last.region")}>
+      <h2>
+        <Badge tone={tone}>{word}</Badge>{" "}
+        {summary !== null && summary.chains > 0 && <span>{foundText(summary.chains, summary.crossings)}</span>}
+      </h2>
+      <p class="small">
+        {t("scan.last.description", {
+          kind: kindOf(scan),
+          when: when(scan.created_at),
+          method: t(`method.${scan.method}.name`),
+        })}
+        {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
+      </p>
+      <EndReason state={scan.state} problem={problem} />
+      <RadiusWarning scan={scan} />
+      <Warnings warnings={summary?.warnings ?? []} />
+      <p class="row">
+        {hasModel(scan) && (
+          <a class="button main" href={addressOf("result", scan.id)}>
+            {t("common.look_at_result")}
+          </a>
+        )}
+        {!hasModel(scan) && scan.links.reprocess !== null && !tooFew(scan) && canOperate.value && (
+          <a class="button" href={addressOf("history", scan.id)}>
+            {t("scan.last.use_recorded")}
+          </a>
+        )}
+      </p>
+      {scan.mode === "live" && !hasModel(scan) && <p>{t("scan.last.recorded_views", { count: recordedViews(scan) })}</p>}
+      {scan.mode === "live" && scan.state === "interrupted" && <p class="note warn">{t("scan.last.interrupted")}</p>}
+      {scan.mode === "live" && <Views scan={scan} />}
+    </section>
+  );
+}

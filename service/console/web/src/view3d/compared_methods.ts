@@ -1,0 +1,45 @@
+import { CapsuleGeometry, Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
+import { pieceCount, pointAt } from "./arc_length";
+import { type Chain, lineOf, type LineStyle, type Other } from "./scene";
+import { directionAt } from "./tubes";
+
+/** Length of a stroke and distance between strokes, in string radii. */
+const STROKES: Record<LineStyle, { long: number; step: number }> = {
+  solid: { long: 2, step: 1 },
+  dashed: { long: 2.5, step: 5 },
+  dotted: { long: 0, step: 2.2 },
+};
+const [CORE, RIM] = [0.35, 0.6];
+const RIM_COLOUR = new Color("#10181f");
+
+/** Draw the results of other methods as lines over everything else: light with a dark rim, visible on any background. */
+export function drawOthers(others: readonly Other[]): Group {
+  const group = new Group();
+  for (const { method, model } of others) {
+    const { style, colour } = lineOf(method);
+    for (const chain of model.chains) {
+      group.add(strokes(chain, style, RIM, RIM_COLOUR, 20));
+      group.add(strokes(chain, style, CORE, new Color(colour), 21));
+    }
+  }
+  return group;
+}
+
+function strokes(chain: Chain, style: LineStyle, thick: number, colour: Color, order: number): InstancedMesh {
+  const r = chain.radius_m;
+  const { long, step } = STROKES[style];
+  const count = Math.max(1, Math.round(chain.length_m / (step * r)));
+  const shape = new CapsuleGeometry(thick * r, long * r, 3, 8);
+  const mesh = new InstancedMesh(shape, new MeshBasicMaterial({ color: colour, depthTest: false }), count);
+  mesh.renderOrder = order;
+  const pose = new Object3D();
+  for (let index = 0; index < count; index++) {
+    const s = ((index + 0.5) / count) * chain.length_m;
+    pose.position.fromArray(pointAt(chain, s).point);
+    const way = directionAt(chain, s, chain.length_m / pieceCount(chain));
+    pose.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), way);
+    pose.updateMatrix();
+    mesh.setMatrixAt(index, pose.matrix);
+  }
+  return mesh;
+}

@@ -1,0 +1,134 @@
+import { type Color, Group, Mesh, MeshBasicMaterial, SphereGeometry, TorusGeometry, Vector3 } from "three";
+import { mm, pointText } from "../texts/format";
+import { t } from "../texts/translate";
+import { pointAt } from "./arc_length";
+import { drawView, eyeOf } from "./cameras";
+import { crossingText, strandsOf } from "./crossings";
+import { drawGrasp, graspText, handleOf } from "./grasps";
+import { label } from "./labels";
+import type { Palette } from "./palette";
+import { rod } from "./rod";
+import type { Chain, Content, Target } from "./scene";
+import { directionAt, tube } from "./tubes";
+
+const UP = new Vector3(0, 0, 1);
+const RADIUS_M = 0.004;
+
+/** Draw the highlight of a target, over everything else. */
+export function drawMark(target: Target | null, content: Content, palette: Palette): Group {
+  const group = new Group();
+  if (target === null) return group;
+  const chain = (id: number) => content.model?.chains.find((one) => one.id === id);
+  switch (target.kind) {
+    case "point": {
+      const one = chain(target.chain);
+      if (one) group.add(markPoint(one, target.s_m, palette.accent));
+      break;
+    }
+    case "chain": {
+      const one = chain(target.id);
+      if (one) group.add(markChain(one, palette.accent));
+      break;
+    }
+    case "crossing": {
+      const one = content.model?.crossings.find((crossing) => crossing.id === target.id);
+      const strands = one && content.model ? strandsOf(one, content.model) : null;
+      if (!one || !strands) break;
+      const ring = onTop(new TorusGeometry(6 * strands.radius_m, 0.5 * strands.radius_m, 8, 40), palette.accent);
+      ring.position.copy(strands.over);
+      const top = strands.over.clone().addScaledVector(UP, 5 * strands.radius_m);
+      group.add(ring, marked(`${one.id}`, crossingText(one), top));
+      break;
+    }
+    case "view": {
+      const one = content.views.find((view) => view.index === target.index);
+      if (one) group.add(drawView(one, palette.accent), marked(t("viewer.label.view", { index: one.index }), undefined, eyeOf(one)));
+      break;
+    }
+    case "grasp": {
+      const one = content.model?.grasps[target.index];
+      if (!one) break;
+      group.add(drawGrasp(one, content.room, palette.accent));
+      group.add(marked(t("viewer.label.grasp", { index: target.index }), graspText(one), handleOf(one)));
+      break;
+    }
+    case "at":
+      group.add(pin(new Vector3().fromArray(target.point), RADIUS_M, palette.accent, pointText(target.point)));
+  }
+  return group;
+}
+
+/** Return where a target is, and the radius of the region to show, metres; null if there is no such target. */
+export function whereIs(target: Target, content: Content): { point: Vector3; around_m: number } | null {
+  const spot = (id: number, s_m: number) => {
+    const chain = content.model?.chains.find((one) => one.id === id);
+    return chain ? { point: new Vector3().fromArray(pointAt(chain, s_m).point), around_m: 10 * chain.radius_m } : null;
+  };
+  switch (target.kind) {
+    case "point":
+      return spot(target.chain, target.s_m);
+    case "chain": {
+      const chain = content.model?.chains.find((one) => one.id === target.id);
+      if (!chain) return null;
+      const points = chain.points.map((point) => new Vector3().fromArray(point));
+      const point = points.reduce((sum, one) => sum.add(one), new Vector3()).divideScalar(points.length || 1);
+      return { point, around_m: Math.max(...points.map((one) => one.distanceTo(point))) };
+    }
+    case "crossing": {
+      const crossing = content.model?.crossings.find((one) => one.id === target.id);
+      return crossing ? spot(crossing.over.chain, crossing.over.s_m) : null;
+    }
+    case "view": {
+      const view = content.views.find((one) => one.index === target.index);
+      if (!view) return null;
+      const [eye, nearby] = [eyeOf(view), content.model?.chains[0]?.points[0]];
+      const centre = nearby ? new Vector3().fromArray(nearby) : eye;
+      return { point: eye.clone().lerp(centre, 0.5), around_m: 0.05 + eye.distanceTo(centre) / 2 };
+    }
+    case "grasp": {
+      const grasp = content.model?.grasps[target.index];
+      return grasp ? { point: handleOf(grasp), around_m: 0.06 } : null;
+    }
+    case "at":
+      return { point: new Vector3().fromArray(target.point), around_m: 10 * RADIUS_M };
+  }
+}
+
+function markPoint(chain: Chain, s_m: number, colour: Color): Group {
+  const spot = pointAt(chain, s_m);
+  const point = new Vector3().fromArray(spot.point);
+  const group = pin(point, chain.radius_m, colour, t("viewer.label.at", { id: chain.id, at: mm(spot.s_m) }));
+  const ring = onTop(new TorusGeometry(1.6 * chain.radius_m, 0.3 * chain.radius_m, 8, 28), colour);
+  ring.position.copy(point);
+  ring.quaternion.setFromUnitVectors(UP, directionAt(chain, spot.s_m, chain.radius_m));
+  group.add(ring);
+  return group;
+}
+
+function markChain(chain: Chain, colour: Color): Group {
+  const group = new Group();
+  const material = new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.35, depthWrite: false });
+  group.add(new Mesh(tube(chain, { from_m: 0, to_m: chain.length_m }, 1.9 * chain.radius_m), material));
+  return group;
+}
+
+/** Draw a needle that stands on a point, with a label at its top. */
+function pin(point: Vector3, radius_m: number, colour: Color, text: string): Group {
+  const group = new Group();
+  const top = point.clone().addScaledVector(UP, 9 * radius_m);
+  const needle = rod(point, top, 0.2 * radius_m, colour);
+  const head = onTop(new SphereGeometry(0.8 * radius_m, 14, 10), colour);
+  head.position.copy(top);
+  group.add(needle, head, marked(text, undefined, top));
+  return group;
+}
+
+function onTop(shape: Mesh["geometry"], colour: Color): Mesh {
+  const mesh = new Mesh(shape, new MeshBasicMaterial({ color: colour, depthTest: false }));
+  mesh.renderOrder = 30;
+  return mesh;
+}
+
+function marked(brief: string, detail: string | undefined, at: Vector3) {
+  return label({ brief, ...(detail === undefined ? {} : { detail }), kind: "marked", rank: -1 }, at);
+}
