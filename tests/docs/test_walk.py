@@ -61,7 +61,7 @@ def test_the_walk_names_functions() -> None:
 
 
 def test_what_does_not_exist_is_found() -> None:
-    text = "`recognition/pipeline.py:recognise`, `cell/control/cell.py:Cell.stop`, `service/jobs/job.py:kind`"
+    text = "`recognition/pipeline.py:recognise`, `cell/control/cell.py:Cell.stop`, `service/jobs/job.py:kind_of`"
     assert len(_FUNCTION.findall(text)) == 3
     assert wrong_functions(text) == []
     assert wrong_functions("`recognition/pipeline.py:recognize`") == ["recognition/pipeline.py:recognize"]
