@@ -12,6 +12,7 @@ from playwright.sync_api import expect
 
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
+from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
@@ -84,7 +85,7 @@ def test_a_list_that_did_not_come_is_asked_for_again(open_console: Open, past: S
     page = opened.page
     # Lists are asked for once more when the page has heard of the last scan.
     expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Done|Failed"))
-    refusal = Failure("busy", "another program holds the database; try again")
+    refusal = problem_document("busy", "another program holds the database; try again")
     page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
     page.keyboard.press("3")
     expect(page.get_by_role("main")).to_contain_text("Another program holds the database; try again.")

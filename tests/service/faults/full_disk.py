@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 OURS = ("/service/", "/cell/", "/calibration/")
-NOT_THE_SITE = ("database.py", "atomic_write.py", "hashed_file.py", "scan_events.py")
+NOT_THE_SITE = ("database.py", "atomic_write.py", "hashed_file.py", "event_log.py")
 
 
 class FullDisk:
