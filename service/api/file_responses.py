@@ -1,6 +1,7 @@
-"""Responses that send files."""
+"""Responses that send files, and entity tags (RFC 9110): a client with the current version gets 304 instead."""
 
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Annotated
@@ -9,9 +10,9 @@ from fastapi import Depends, Header, Request
 from fastapi.responses import FileResponse, Response
 from starlette.types import Receive, Scope, Send
 
-from service.api.etags import matches, tag_of_file, tag_of_hash
 from service.problems.problem_error import ProblemError
 
+_TAG = re.compile(r'(?:W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 MAX_BUFFERED_BYTES = 1 << 20
 """Size up to which a file is read at once, by the thread that found it. Larger files are sent in chunks."""
 NOT_MODIFIED: dict[int | str, dict[str, str]] = {304: {"description": "The client has the current version"}}
@@ -130,3 +131,20 @@ def send_file(
 def not_modified_response(etag: str) -> Response:
     """Return the response 304, for a client that has the current version."""
     return Response(status_code=304, headers={"etag": etag})
+
+
+def matches(if_none_match: str | None, etag: str) -> bool:
+    """Whether the header If-None-Match lists the strong tag `etag`. Weak comparison, as the RFC requires."""
+    if if_none_match is None:
+        return False
+    return if_none_match.strip() == "*" or etag in _TAG.findall(if_none_match)
+
+
+def tag_of_hash(sha256: str) -> str:
+    """Return the entity tag of content with a known hash."""
+    return f'"{sha256}"'
+
+
+def tag_of_file(stat: os.stat_result) -> str:
+    """Return the entity tag of a file that is written once, from its size and its modification time."""
+    return f'"{stat.st_size:x}-{stat.st_mtime_ns:x}"'

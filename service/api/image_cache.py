@@ -9,8 +9,7 @@ import numpy as np
 from anyio import CapacityLimiter, to_thread
 from starlette.responses import Response
 
-from service.api.etags import matches, tag_of_hash
-from service.api.file_responses import not_modified_response
+from service.api.file_responses import matches, not_modified_response, tag_of_hash
 from service.problems.problem_error import ProblemError
 
 MAX_IMAGES = 64

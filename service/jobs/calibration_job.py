@@ -16,7 +16,7 @@ from cell.errors import CellError
 from service.errors import Failure
 from service.jobs.job import Job
 from service.jobs.progress import StoredCalibrationProgress
-from service.jobs.runner import Cancelled
+from service.jobs.runner import JobCancelledError
 from service.states import ScanState
 from service.storage.calibration_store import CalibrationStore
 from service.storage.database import now
@@ -50,7 +50,7 @@ class CalibrationWork:
         """Move the arm, then solve or verify once it is home. Yields the result.
 
         Raises:
-            Cancelled: The run was stopped before it began.
+            JobCancelledError: The run was stopped before it began.
             CellError: Too few views could be taken.
             HandEyeError, BoardDetectionError: The views give no result.
             OSError, sqlite3.Error: The disk or the database failed.
@@ -58,7 +58,7 @@ class CalibrationWork:
         row, prepared = job.row, job.prepared
         self._store.update(row.id, ("queued",), state="preflight")
         if job.stop is not None:
-            raise Cancelled
+            raise JobCancelledError
         assert prepared is not None
         folder = run_folder(self._cell, row.id)
         self._store.update(row.id, ("preflight",), state="scanning", started_at=now())
@@ -91,7 +91,7 @@ class CalibrationWork:
         """Write the final row of a run without a result."""
         self._store.end(job.row.id, state, failure)
 
-    def storing_failed(self, job: Job[CalibrationRow], error: Exception) -> Failure:
+    def unexpected_failure(self, job: Job[CalibrationRow], error: Exception) -> Failure:
         """Return why the run failed that met an unexpected error, or whose final row could not be written."""
         internal = Failure("internal", f"the {job.kind} met an unexpected error; the log has it")
         return storage_failure(error, KEPT) or internal

@@ -20,12 +20,12 @@ RETRY_S = 1.0
 """Interval at which a final row that could not be written is tried again. Requests can come in between."""
 
 
-class Cancelled(Exception):  # noqa: N818 (not an error)
+class JobCancelledError(Exception):
     """The job was stopped before it began to work."""
 
 
 class Work(Protocol):
-    """What one kind of job does. `JobRunner` calls the methods in this order."""
+    """What one kind of job does, as steps of `JobRunner`."""
 
     def describe(self, job: Job[Any]) -> str:
         """Return what the job is about, for the log."""
@@ -35,7 +35,7 @@ class Work(Protocol):
         """Do the job, and yield its result. The body stores the result while the arm may still return home.
 
         Raises:
-            Cancelled: The job was stopped before it began.
+            JobCancelledError: The job was stopped before it began.
             StoppedError: The arm was stopped.
         """
         ...
@@ -52,7 +52,7 @@ class Work(Protocol):
         """Write the final row of a job that has no result."""
         ...
 
-    def storing_failed(self, job: Job[Any], error: Exception) -> Failure:
+    def unexpected_failure(self, job: Job[Any], error: Exception) -> Failure:
         """Return why a job failed that met an unexpected error, or whose final row could not be written."""
         ...
 
@@ -113,7 +113,7 @@ class JobRunner:
     def _fail(self, job: Job[Any], work: Work, error: Exception, started_at: float) -> None:
         """Fail a job after an unexpected error. Its final row is written as soon as disk and database allow it."""
         state: ScanState = "failed"
-        failure = work.storing_failed(job, error)
+        failure = work.unexpected_failure(job, error)
         if job.stop is not None:
             state, failure = job.stop.state, job.stop.failure
         _report_end(job, work, state, failure, started_at)
@@ -147,7 +147,7 @@ def _attempt(job: Job[Any], work: Work, until_home: ExitStack) -> tuple[Any | No
     """Return the result of a job, or why there is none; neither if the job was stopped."""
     try:
         return until_home.enter_context(work.execute(job)), None
-    except Cancelled:
+    except JobCancelledError:
         return None, None
     except StoppedError as error:
         job.request_stop("aborted", str(error))  # has no effect if the stop itself gave a reason

@@ -5,7 +5,7 @@ import logging
 import shutil
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from cell.control.cell import Cell
@@ -18,7 +18,7 @@ from service.jobs.calibration_drift import DriftWatch
 from service.jobs.inputs import recognition_inputs
 from service.jobs.job import Job
 from service.jobs.live_scan import keep_recording, run_live_scan
-from service.jobs.runner import Cancelled
+from service.jobs.runner import JobCancelledError
 from service.metrics.scans import ScanMetrics
 from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome
 from service.processing.worker import RecognitionWorker, TaskFailedError
@@ -65,7 +65,7 @@ class ScanWork:
         Yields the result. The arm of a live scan is home at the end of the context.
 
         Raises:
-            Cancelled: The scan was stopped before it began.
+            JobCancelledError: The scan was stopped before it began.
             CellError: The views could not be taken, or the arm did not return home.
             TaskFailedError: Recognition gave no result.
             OSError, sqlite3.Error: The disk or the database failed.
@@ -78,7 +78,7 @@ class ScanWork:
                 self._worker.start()
             # An earlier stop found no process to kill; from here on a stop finds one.
             if job.stop is not None:
-                raise Cancelled
+                raise JobCancelledError
             if job.prepared is None:
                 yield self._replay(job.row, results)
             else:
@@ -108,14 +108,14 @@ class ScanWork:
 
     def end(self, job: Job[ScanRow], state: ScanState, failure: Failure) -> None:
         """Write the final row of a scan without a result. A live scan keeps its recording."""
-        if job.row.mode == "live":
+        if job.row.mode == "live":  # `run_live_scan` has kept it, unless the disk or the database failed
             try:
                 keep_recording(self._store, job.row.id)
             except OSError:
                 log.exception("the recording of %s cannot be read; the next start tries again", job.label)
         self._store.end_scan(job.row.id, state, failure)
 
-    def storing_failed(self, job: Job[ScanRow], error: Exception) -> Failure:
+    def unexpected_failure(self, job: Job[ScanRow], error: Exception) -> Failure:
         """Return why the scan failed that met an unexpected error, or whose final row could not be written."""
         internal = Failure("internal", "the result could not be stored; the log has the reason")
         return storage_failure(error, KEPT) or internal
@@ -143,14 +143,11 @@ class ScanWork:
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
         return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
 
-    @contextmanager
-    def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> Iterator[Outcome]:
+    def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
         task = self._task(scan, dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m), results)
         inputs = recognition_inputs(task)
         self._store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
-        live = run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
-        with live as outcome:
-            yield outcome
+        return run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")

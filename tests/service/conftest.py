@@ -160,7 +160,8 @@ def figures(request: pytest.FixtureRequest) -> Figures:
 @pytest.fixture
 def recognition_process(client: ServedClient) -> int:
     """The process id of the shared service's recognition, once it waits for a task."""
-    # A ready one may still be at work on the picture of the last scan.
+    # A scan of an earlier test may still be running, or its preview may still be drawn.
+    wait_until(lambda: client.app.state.context.jobs.idle)
     for scan in client.get("/api/scans?limit=1").json()["scans"]:
         if scan["links"]["preview"] is not None:
             client.get(scan["links"]["preview"])

@@ -38,11 +38,11 @@ def check_described(answer: httpx.Response) -> None:
 def check_declared(answer: httpx.Response) -> None:
     """A refusal has a problem type that the operation declares for its status."""
     described = _operation(answer.request)["responses"]
-    told = described.get(str(answer.status_code)) or described["default"]
+    declared = described.get(str(answer.status_code)) or described["default"]
     name = slug(answer) or ""
     request = f"{answer.request.method} {answer.request.url.path} gave {answer.status_code} {name}"
     assert PROBLEM_TYPES[name].status is not None, request
-    types = told["content"][MEDIA_TYPE]["schema"]["properties"]["type"]["enum"]
+    types = declared["content"][MEDIA_TYPE]["schema"]["properties"]["type"]["enum"]
     assert f"urn:pointchain:{name}" in types, f"{request}, which is not declared"
 
 

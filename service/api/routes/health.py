@@ -1,17 +1,26 @@
-"""Routes of liveness and readiness."""
+"""Routes of liveness and readiness. Readiness has one named check for each part that a scan needs."""
 
+import logging
+import shutil
+import sqlite3
 from typing import Any
 
 from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
-from service.api.dependencies import Service
+from service.api.dependencies import Context, Service
 from service.api.problem_responses import problem_responses
-from service.api.readiness import failed_checks, readiness
-from service.api.schemas.health import Health, Readiness
+from service.api.schemas.health import Health, Readiness, ReadinessCheck, ReadinessChecks
 from service.problems.document import MEDIA_TYPE, problem_document
+from service.security.auth.tokens import TOKENS_FILE, TokensError, read_tokens
+from service.storage.database import Database
+
+log = logging.getLogger(__name__)
 
 router = APIRouter(tags=["health"])
+
+WRITE_TIMEOUT_MS = 1000
+"""Time to wait for the database while another program holds it. A request that writes waits longer."""
 
 
 @router.get("/healthz", responses=problem_responses())
@@ -28,11 +37,78 @@ def readyz(service: Service) -> Any:
     service is not stopping, and its file of tokens can be read. The state of the cell is reported but does not count;
     see `GET /api/cell`.
     """
-    checks = readiness(service)
-    failed = failed_checks(checks)
+    checks = _run_checks(service)
+    failed = _failed_checks(checks)
     return Readiness(checks=checks) if not failed else _not_ready("; ".join(failed), checks.model_dump())
 
 
 def _not_ready(detail: str, checks: dict[str, Any]) -> Response:
     problem = problem_document("not-ready", detail, "/readyz", checks=checks)
     return JSONResponse(problem, problem["status"], headers={"Retry-After": "1"}, media_type=MEDIA_TYPE)
+
+
+def _run_checks(service: Context) -> ReadinessChecks:
+    """Run all checks. May block for about a second.
+
+    The state of the cell is reported but does not count. A cell that is not connected, or in a fault, is connected or
+    acknowledged through this service, so an orchestrator must not take the service out of use for that.
+    """
+    return ReadinessChecks(
+        store=_store(service.store.database),
+        recognition=_check(service.jobs.not_ready, "it is ready, or at work"),
+        disk=_disk(service),
+        service=_check(_reason_for_no_requests(service), "it accepts requests"),
+        cell=service.cell.status.state,
+    )
+
+
+def _failed_checks(checks: ReadinessChecks) -> list[str]:
+    """Return a message for each check that failed."""
+    named = {"store": checks.store, "recognition": checks.recognition, "disk": checks.disk, "service": checks.service}
+    return [f"{name}: {check.words}" for name, check in named.items() if not check.ok]
+
+
+def _reason_for_no_requests(service: Context) -> str | None:
+    """Return why the service accepts no requests, or None if it accepts them."""
+    if service.jobs.closed:
+        return "the service is stopping"
+    path = service.store.folder.root / TOKENS_FILE
+    try:
+        read_tokens(path)
+    except TokensError as error:
+        log.warning("the tokens cannot be read: %s", error)
+        # without the folder, because everyone may read the answer
+        reason = str(error).replace(str(path), TOKENS_FILE)
+        return f"{reason}; clients may be refused, also when they stop the arm"
+    return None
+
+
+def _store(database: Database) -> ReadinessCheck:
+    """Check that the database accepts changes: begin a transaction, as every writing request does, and roll it back."""
+    try:
+        with database.connection() as db:
+            (original_ms,) = db.execute("PRAGMA busy_timeout").fetchone()
+            db.execute(f"PRAGMA busy_timeout = {WRITE_TIMEOUT_MS}")
+            try:
+                db.execute("BEGIN IMMEDIATE")
+                db.execute("ROLLBACK")
+            finally:
+                db.execute(f"PRAGMA busy_timeout = {original_ms}")
+    except sqlite3.Error as error:
+        log.warning("the store cannot be written: %s", error)
+        return ReadinessCheck(ok=False, words=f"it accepts no changes: {error}")
+    return ReadinessCheck(ok=True, words="it accepts changes")
+
+
+def _disk(service: Context) -> ReadinessCheck:
+    needed = service.config.limits.min_free_bytes
+    try:
+        free = shutil.disk_usage(service.store.folder.root).free
+    except OSError as error:
+        return ReadinessCheck(ok=False, words=f"the data folder cannot be read: {error.strerror or error}")
+    status = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB are needed"
+    return ReadinessCheck(ok=free >= needed, words=status)
+
+
+def _check(reason: str | None, words: str) -> ReadinessCheck:
+    return ReadinessCheck(ok=reason is None, words=reason or words)

@@ -11,8 +11,15 @@ from fastapi.responses import FileResponse
 
 from recognition.model.document import ModelDocument
 from service.api.dependencies import Context, Id, Scan, Service, find_scan
-from service.api.etags import matches
-from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, not_modified_response, read_file, send_file, stat_file
+from service.api.file_responses import (
+    NOT_MODIFIED,
+    IfNoneMatch,
+    matches,
+    not_modified_response,
+    read_file,
+    send_file,
+    stat_file,
+)
 from service.api.image_cache import shrink_image
 from service.api.problem_responses import problem_responses
 from service.api.routes import recordings

@@ -13,6 +13,7 @@ import pytest
 import service
 from service.app import create_app, openapi_document
 from service.config.loader import ServiceConfig
+from service.problems.problem_types import PROBLEM_TYPES
 from tests.service.conftest import PATIENCE_S, ServedClient
 
 COMMITTED = Path(service.__file__).parent / "openapi.json"
@@ -38,18 +39,21 @@ def test_every_operation_describes_its_success_and_its_problems(
     responses = operation["responses"]
     refusals = {status: answer for status, answer in responses.items() if not status.startswith(("2", "3"))}
     assert "default" in refusals
-    # an operation with an input can refuse it
-    assert "422" in refusals or not (operation.get("parameters") or operation.get("requestBody"))
     media_type = "application/problem+json"
-    for answer in refusals.values():
+    declared: dict[str, set[str]] = {}
+    for status, answer in refusals.items():
         assert list(answer["content"]) == [media_type]
         schema = answer["content"][media_type]["schema"]
         assert schema["allOf"] == [{"$ref": "#/components/schemas/Problem"}]
-        assert set(schema["properties"]["type"]["enum"]) <= ALL_PROBLEMS
-    # each problem type is declared for one status only
-    enums = [answer["content"][media_type]["schema"]["properties"]["type"]["enum"] for answer in refusals.values()]
-    names = [name for enum in enums for name in enum]
-    assert len(names) == len(set(names))
+        declared[status] = {name.removeprefix("urn:pointchain:") for name in schema["properties"]["type"]["enum"]}
+        assert {f"urn:pointchain:{name}" for name in declared[status]} <= ALL_PROBLEMS
+    # each problem type is declared once, for its own status or without one
+    for status, names in declared.items():
+        statuses = {str(PROBLEM_TYPES[name].status) for name in names}
+        assert statuses.isdisjoint(declared) if status == "default" else statuses == {status}
+    # an operation with an input can refuse it; any other declares 422 only for problems of its own
+    has_input = bool(operation.get("parameters") or operation.get("requestBody"))
+    assert ("422" in refusals) == (has_input or bool(declared.get("422", set()) - {"invalid-request"}))
     successes = [answer for status, answer in responses.items() if status.startswith("2") and status != "204"]
     assert len(successes) == 1
     (content,) = successes[0]["content"].values()

@@ -91,9 +91,9 @@ def test_each_change_has_its_event(store: Store) -> None:
     assert events[4].data == {"stage": "views", "fraction": 0.5}
     assert events[6].data["reason"]
     assert events[7].data["failure"] == {"slug": "robot-lost", "message": "gone"}
-    told = as_told(events)
-    assert told[2].data == {name: vars(events[2])[name] for name in ("id", "scan", "at", "kind", "data")}
-    assert told[7].data["data"]["problem"] == {
+    sent = as_told(events)
+    assert sent[2].data == {name: vars(events[2])[name] for name in ("id", "scan", "at", "kind", "data")}
+    assert sent[7].data["data"]["problem"] == {
         "type": "urn:pointchain:robot-lost",
         "title": "The connection to the robot was lost",
         "status": 503,

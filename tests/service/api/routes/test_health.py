@@ -86,7 +86,9 @@ def test_unreadable_tokens_are_not_ready(ready: ServedClient, assert_problem: As
 def test_a_full_disk_and_a_stopping_service_are_not_ready(
     ready: ServedClient, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("service.api.readiness.shutil.disk_usage", lambda _: type("Usage", (), {"free": 10 << 20})())
+    monkeypatch.setattr(
+        "service.api.routes.health.shutil.disk_usage", lambda _: type("Usage", (), {"free": 10 << 20})()
+    )
     monkeypatch.setattr("service.jobs.manager.Jobs.closed", True)
     answer = ready.get("/readyz")
     detail = assert_problem(answer, 503, "not-ready")

@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.api.etags import matches
+from service.api.file_responses import matches
 from service.api.response_cache import MAX_AGE_S
 from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
