@@ -62,7 +62,7 @@ def test_cancel_stops_the_arm_and_keeps_the_pictures(
     assert braking, "the arm was not stopped"
     assert cell.events("motion_start", after_s=braking[0]["stamp_s"]) == []
     assert (cell.state()["state"], cell.state()["problem"]) == ("not_ready", "urn:pointchain:stopped")
-    assert_problem(cell.client.post(f"{location}/activate"), 409, "no-result")
+    assert_problem(cell.client.post(f"{location}/activate"), 409, "not-activatable")
     assert cell.client.post(f"{location}/cancel").json()["state"] == "aborted"
     assert cell.client.get("/api/calibration").json()["under_way"] is None
     cell.is_well()

@@ -74,7 +74,7 @@ def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
 
     first = all_at_once(ask)
     fresh = [answer for answer in first if answer.status_code == 202 and "Idempotency-Replayed" not in answer.headers]
-    assert len(fresh) == 1
+    assert len(fresh) == 1, [answer.text for answer in first]
     location = fresh[0].headers["Location"]
     for answer in first:
         if answer.status_code == 202:

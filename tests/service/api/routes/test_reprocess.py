@@ -50,16 +50,16 @@ def test_omitted_members_are_as_in_the_first_scan(
     source = finished(client, first)
     address = source["links"]["reprocess"]
 
-    same = client.post(address, headers={"Idempotency-Key": "again"})
+    same = client.post(address, headers={"Idempotency-Key": "reprocess"})
     assert same.status_code == 202, same.text
     again = finished(client, same.headers["Location"])
     assert (again["mode"], again["source"], again["recording"]) == ("replay", source["id"], recording)
     assert (again["method"], again["string_radius_m"]) == ("matching", 0.005)
     assert again["links"]["source"] == first
     assert again["summary"] == source["summary"]
-    repeated = client.post(address, json={}, headers={"Idempotency-Key": "again"})
+    repeated = client.post(address, json={}, headers={"Idempotency-Key": "reprocess"})
     assert (repeated.json()["id"], repeated.headers["Idempotency-Replayed"]) == (again["id"], "true")
-    elsewhere = client.post("/api/scans", json=body, headers={"Idempotency-Key": "again"})
+    elsewhere = client.post("/api/scans", json=body, headers={"Idempotency-Key": "reprocess"})
     assert_problem(elsewhere, 422, "idempotency-mismatch")
 
     # the recording has 4.2 mm; null means that the radius is measured
