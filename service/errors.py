@@ -16,6 +16,9 @@ INPUT_ERRORS = (RecordingError, RecognitionError, NotRigidError, InvalidViewErro
 
 JobKind = Literal["scan", "calibration", "verification"]
 
+Parameter = str | int | float
+"""Value in a message: an id, a name, a state, a count, or a number in SI units."""
+
 
 @dataclass(frozen=True)
 class Failure:
@@ -42,10 +45,17 @@ class ServiceError(Exception):
         slug: Type of the problem, for programs.
         retry_after_s: Time after which the same request may succeed; None: it depends on other things.
         job: The job that is in the way, if any.
+        parameters: The values that the message contains, by name. A translation of the message uses them.
     """
 
     def __init__(
-        self, slug: str, message: str, *, retry_after_s: float | None = None, job: JobReference | None = None
+        self,
+        slug: str,
+        message: str,
+        *,
+        retry_after_s: float | None = None,
+        job: JobReference | None = None,
+        **parameters: Parameter,
     ) -> None:
         super().__init__(message)
-        self.slug, self.retry_after_s, self.job = slug, retry_after_s, job
+        self.slug, self.retry_after_s, self.job, self.parameters = slug, retry_after_s, job, parameters

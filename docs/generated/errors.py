@@ -23,7 +23,8 @@ A scan or calibration without a result has the same document as its `problem`. T
 ```json
 {"type": "urn:pointchain:cell-busy", "title": "The cell is busy", "status": 409,
  "detail": "scan 20260131t120000-000000-9f86d081 is under way; wait for its end or cancel it",
- "instance": "/api/scans"}
+ "instance": "/api/scans",
+ "parameters": {"kind": "scan", "id": "20260131t120000-000000-9f86d081"}}
 ```
 
 | member | meaning |
@@ -33,6 +34,7 @@ A scan or calibration without a result has the same document as its `problem`. T
 | `status` | The HTTP status. In a scan's `problem`: the status that fits the type. |
 | `detail` | What happened this time and what to do, for people. Its text may change in any version. |
 | `instance` | Path of the request, or of the scan. |
+| `parameters` | The values in the detail, by name, for translations; left out or null if there are none. |
 | `errors` | Only with `invalid-request`: a list of `where` and `what`, one for each wrong place. |
 
 The member `problem` of `GET /api/cell` is a type too, without a document around it. The Python client has the name of
@@ -90,9 +92,14 @@ def _type_section(slug: str, kind: ProblemType) -> str:
             *operations,
             *_wrapped(f"- **Cause:** {kind.cause}"),
             *_wrapped(f"- **What to do:** {kind.action}"),
+            *([_parameters(kind)] if kind.parameters else []),
             "",
         ]
     )
+
+
+def _parameters(kind: ProblemType) -> str:
+    return f"- **Parameters:** {', '.join(f'`{name}`' for name in kind.parameters)}"
 
 
 def _operations(slug: str) -> str:

@@ -82,14 +82,16 @@ def find_scan(id: Id, service: Service) -> ScanRow:  # noqa: A002 (the path's ow
     """
     scan = service.store.scan(id)
     if scan is None:
-        raise ProblemError("scan-not-found", f"there is no scan {id}; GET /api/scans lists them")
+        raise ProblemError("scan-not-found", f"there is no scan {id}; GET /api/scans lists them", scan=id)
     return scan
 
 
 def _recording(id: Id, service: Service) -> RecordingRow:  # noqa: A002 (the path's own name)
     recording = service.store.recording(id)
     if recording is None:
-        raise ProblemError("recording-not-found", f"there is no recording {id}; GET /api/recordings lists them")
+        raise ProblemError(
+            "recording-not-found", f"there is no recording {id}; GET /api/recordings lists them", recording=id
+        )
     return recording
 
 

@@ -50,12 +50,15 @@ def stat_file(path: Path, sha256: str | None = None, size_bytes: int | None = No
         file_stat = None
     if file_stat is None or not stat.S_ISREG(file_stat.st_mode):
         if size_bytes is not None:
-            raise ProblemError("damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`")
-        raise ProblemError("no-result", f"there is no {path.name}")
+            raise ProblemError(
+                "damaged", f"{path.name} is gone from the data folder: run `pointchain doctor`", file=path.name
+            )
+        raise ProblemError("no-result", f"there is no {path.name}", file=path.name)
     if size_bytes is not None and file_stat.st_size != size_bytes:
         raise ProblemError(
             "damaged",
             f"{path.name} has {file_stat.st_size} bytes and was written with {size_bytes}: run `pointchain doctor`",
+            file=path.name,
         )
     return file_stat, tag_of_file(file_stat) if sha256 is None else tag_of_hash(sha256)
 
@@ -69,9 +72,9 @@ def read_file(path: Path, size_bytes: int) -> bytes:
     try:
         content = path.read_bytes()
     except FileNotFoundError:  # removed a moment ago
-        raise ProblemError("no-result", "the file is gone from the data folder") from None
+        raise ProblemError("no-result", "the file is gone from the data folder", file=path.name) from None
     if len(content) != size_bytes:
-        raise ProblemError("damaged", f"{path.name} is being changed: run `pointchain doctor`")
+        raise ProblemError("damaged", f"{path.name} is being changed: run `pointchain doctor`", file=path.name)
     return content
 
 

@@ -44,7 +44,7 @@ def _respond(
 
 async def _on_problem(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ProblemError)
-    return _respond(request, error.slug, error.detail, dict(error.headers or {}))
+    return _respond(request, error.slug, error.detail, dict(error.headers or {}), parameters=error.parameters)
 
 
 async def _on_service_error(request: Request, error: Exception) -> JSONResponse:
@@ -52,7 +52,7 @@ async def _on_service_error(request: Request, error: Exception) -> JSONResponse:
     headers = _retry_after(error.retry_after_s)
     if error.job is not None:
         headers["Location"] = job_address(error.job)
-    return _respond(request, error.slug, str(error), headers)
+    return _respond(request, error.slug, str(error), headers, parameters=error.parameters)
 
 
 async def _on_http_exception(request: Request, error: Exception) -> JSONResponse:
@@ -63,7 +63,8 @@ async def _on_http_exception(request: Request, error: Exception) -> JSONResponse
     if error.status_code == 404:
         return _respond(request, "not-found", "there is nothing at this address; /docs lists what there is", headers)
     if error.status_code == 405:
-        return _respond(request, "method-not-allowed", f"{request.method} is not possible here", headers)
+        detail = f"{request.method} is not possible here"
+        return _respond(request, "method-not-allowed", detail, headers, parameters={"method": request.method})
     return _respond(request, "http-error", str(error.detail), headers, status=error.status_code)
 
 

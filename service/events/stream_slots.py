@@ -39,10 +39,10 @@ class StreamSlots:
         """
         if caller is not None and self._open[caller] >= self._max_per_caller:
             detail = f"you follow {self._open[caller]} event streams already: close one, or poll instead"
-            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
+            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S, streams=self._open[caller])
         if self.open >= self._max_total:
             detail = f"{self.open} event streams are open already: poll instead, or try again later"
-            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S)
+            raise ServiceError("too-many-streams", detail, retry_after_s=RETRY_AFTER_S, streams=self.open)
         self._open[caller] += 1
         try:
             yield

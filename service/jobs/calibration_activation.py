@@ -3,7 +3,7 @@
 from calibration.dataset.folder import HAND_EYE_FILE
 from calibration.storage.hand_eye_file import HandEyeError, activate
 from cell.control.cell import Cell
-from service.errors import Failure, ServiceError
+from service.errors import ServiceError
 from service.jobs.calibration_job import run_folder
 from service.states import ACTIVE_STATES
 from service.storage.calibration_store import CalibrationStore
@@ -12,18 +12,22 @@ from service.storage.rows import CalibrationRow
 from service.storage.storage_errors import is_full
 
 
-def why_not_activatable(row: CalibrationRow) -> Failure | None:
-    """Return why the result of a run cannot be used; None when it can."""
+def why_not_activatable(row: CalibrationRow) -> ServiceError | None:
+    """Return the error with which an activation of the result is refused; None if it can be used."""
     if row.kind == "verification":
-        return Failure("not-activatable", f"{row.id} is a verification: it gives no calibration to activate")
+        return _refusal(row, "not-activatable", f"{row.id} is a verification: it gives no calibration to activate")
     if row.state in ACTIVE_STATES:
-        return Failure("result-not-ready", f"calibration {row.id} is {row.state}; wait for its end")
+        return _refusal(row, "result-not-ready", f"calibration {row.id} is {row.state}; wait for its end")
     if row.result is None:
-        return Failure("not-activatable", f"calibration {row.id} is {row.state}: it has no result to activate")
+        return _refusal(row, "not-activatable", f"calibration {row.id} is {row.state}: it has no result to activate")
     if row.result["verdict"] == "refuse":
         why = "; ".join(finding["words"] for finding in row.result["findings"] if finding["refuses"])
-        return Failure("calibration-refused", f"the result must not be used: {why}")
+        return _refusal(row, "calibration-refused", f"the result must not be used: {why}")
     return None
+
+
+def _refusal(row: CalibrationRow, slug: str, message: str) -> ServiceError:
+    return ServiceError(slug, message, calibration=row.id, state=row.state)
 
 
 def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> None:
@@ -35,7 +39,7 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
     """
     refusal = why_not_activatable(row)
     if refusal is not None:
-        raise ServiceError(refusal.slug, refusal.message)
+        raise refusal
     active_file = cell.settings.hand_eye.active_file
     assert active_file is not None, "the service's configuration always names a folder"
     try:
@@ -45,7 +49,7 @@ def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> No
     except OSError as error:
         if is_full(error):
             raise
-        words = f"{active_file} cannot be written: {error.strerror or error}; the former calibration stays in use"
-        raise ServiceError("calibration", words) from error
+        message = f"{active_file} cannot be written: {error.strerror or error}; the former calibration stays in use"
+        raise ServiceError("calibration", message, file=str(active_file)) from error
     cell.calibration_changed()
     store.update(row.id, ("succeeded",), activated_at=now())

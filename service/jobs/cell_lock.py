@@ -118,9 +118,9 @@ class CellLock:
 def _occupied_by(job: Job[Any]) -> ServiceError:
     if job.stop is None:
         detail = f"{job.label} is under way; wait for its end or cancel it"
-        return ServiceError("cell-busy", detail, job=job.reference)
+        return ServiceError("cell-busy", detail, job=job.reference, kind=job.kind, id=job.reference.id)
     detail = f"{job.label} was stopped and is just ending; try again"
-    return ServiceError("cell-busy", detail, retry_after_s=1.0, job=job.reference)
+    return ServiceError("cell-busy", detail, retry_after_s=1.0, job=job.reference, kind=job.kind, id=job.reference.id)
 
 
 def _database_busy() -> ServiceError:

@@ -161,7 +161,8 @@ class Jobs:
             self._stop(job, "aborted", f"the {job.kind} was cancelled", arm)
             job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
-            raise ServiceError("not-cancellable", f"the {kind_of(row)} is {row.state} already")
+            kind = kind_of(row)
+            raise ServiceError("not-cancellable", f"the {kind} is {row.state} already", kind=kind, state=row.state)
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
         """Stop the arm, and abort the job that uses it, if any.

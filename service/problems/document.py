@@ -1,8 +1,9 @@
 """Problem documents: every error over HTTP is `application/problem+json` (RFC 9457)."""
 
+from collections.abc import Mapping
 from typing import Any
 
-from service.errors import Failure
+from service.errors import Failure, Parameter
 from service.problems.problem_types import PROBLEM_TYPES
 
 MEDIA_TYPE = "application/problem+json"
@@ -29,19 +30,28 @@ def error_document(slug: str, detail: str, **more: Any) -> dict[str, Any]:
     return {"type": f"{PREFIX}{slug}", "title": title, "detail": detail} | more
 
 
-def problem_document(slug: str, detail: str, instance: str | None = None, **more: Any) -> dict[str, Any]:
+def problem_document(
+    slug: str,
+    detail: str,
+    instance: str | None = None,
+    parameters: Mapping[str, Parameter] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
     """Return a problem document.
 
     Args:
         slug: Type of the problem.
         detail: What happened and what to do.
         instance: Path of the request or of the job that has the problem.
+        parameters: Values in the detail, by name. The member is left out if there are none.
         more: Further members.
     """
     error = error_document(slug, detail)
     document = {"type": error["type"], "title": error["title"], "status": status_of(slug), "detail": detail}
     if instance is not None:
         document["instance"] = instance
+    if parameters:
+        document["parameters"] = dict(parameters)
     return document | more
 
 

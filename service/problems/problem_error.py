@@ -2,6 +2,7 @@
 
 from starlette.exceptions import HTTPException
 
+from service.errors import Parameter
 from service.problems.document import status_of
 
 
@@ -12,8 +13,9 @@ class ProblemError(HTTPException):
 
     Attributes:
         slug: Type of the problem.
+        parameters: The values that the detail contains, by name. A translation of the detail uses them.
     """
 
-    def __init__(self, slug: str, detail: str, headers: dict[str, str] | None = None) -> None:
+    def __init__(self, slug: str, detail: str, headers: dict[str, str] | None = None, **parameters: Parameter) -> None:
         super().__init__(status_of(slug), detail, headers)
-        self.slug = slug
+        self.slug, self.parameters = slug, parameters

@@ -33,6 +33,8 @@ class ProblemType:
     """What a planner or an operator can do about it."""
     group: Group
     """Decision that a program takes."""
+    parameters: tuple[str, ...] = ()
+    """Names of the values that a detail may contain. An occurrence has those that its detail contains."""
 
 
 PROBLEM_TYPES: dict[str, ProblemType] = {
@@ -56,6 +58,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="Another program holds the database, the disk is slow, or four recordings are being uploaded already.",
         action="Send the request again after the seconds in `Retry-After`.",
         group="Retry later",
+        parameters=("uploads",),
     ),
     "cell-busy": ProblemType(
         title="The cell is busy",
@@ -64,6 +67,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "`Retry-After` comes with one that is being prepared.",
         action="Wait for its end, or cancel it. Then send the request again.",
         group="Retry later",
+        parameters=("kind", "id"),
     ),
     "idempotency-pending": ProblemType(
         title="The first request with this key is in progress",
@@ -86,6 +90,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The scan or calibration has not ended, so it has no result yet.",
         action="Wait until it has ended: follow its events, or poll its state.",
         group="Retry later",
+        parameters=("scan", "calibration", "state"),
     ),
     "too-early": ProblemType(
         title="Too early to acknowledge",
@@ -100,6 +105,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="Too many event streams are open, in total or with this token.",
         action="Close a stream that you do not need, or poll the state instead.",
         group="Retry later",
+        parameters=("streams",),
     ),
     "too-slow": ProblemType(
         title="The request arrives too slowly",
@@ -152,6 +158,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The hand-eye calibration is missing, too old, of another camera or robot, or changed during the scan.",
         action="Calibrate the cell and activate the result. `detail` names what is wrong with the current one.",
         group="Call a person",
+        parameters=("file",),
     ),
     "calibration-refused": ProblemType(
         title="The calibration must not be used",
@@ -159,6 +166,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The result of the calibration did not meet the limits, so it cannot be used.",
         action="Read the findings of the run, correct their causes, and calibrate again.",
         group="Call a person",
+        parameters=("calibration", "state"),
     ),
     "camera-lost": ProblemType(
         title="The connection to the camera was lost",
@@ -232,6 +240,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The data folder has too little free space. The service never removes data to make room.",
         action="Free some space, configure `[retention]`, or lower `limits.min_free_bytes`.",
         group="Call a person",
+        parameters=("free_bytes", "needed_bytes"),
     ),
     "viewpoints-unreachable": ProblemType(
         title="Too few viewpoints can be reached",
@@ -402,6 +411,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The headers of the request have more than 16 kB.",
         action="Send fewer or shorter headers.",
         group="Correct the request",
+        parameters=("max_bytes",),
     ),
     "http-error": ProblemType(
         title="HTTP error",
@@ -423,6 +433,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The `Idempotency-Key` was used for another request.",
         action="Use a new key for each new request. `detail` names the scan that the key started.",
         group="Correct the request",
+        parameters=("scan",),
     ),
     "invalid-parameters": ProblemType(
         title="The parameters cannot be used",
@@ -444,6 +455,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The address exists, but does not take this HTTP method. The `Allow` header lists the methods.",
         action="Use one of the methods in `Allow`.",
         group="Correct the request",
+        parameters=("method",),
     ),
     "target-too-long": ProblemType(
         title="The address is too long",
@@ -451,6 +463,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The address and its query have more than 2 kB.",
         action="Send a shorter query.",
         group="Correct the request",
+        parameters=("max_bytes",),
     ),
     "too-large": ProblemType(
         title="The request is too large",
@@ -458,6 +471,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The body is larger than the limit for this call.",
         action="Send a smaller body, or raise `limits.request_bytes` or `limits.upload_bytes`.",
         group="Correct the request",
+        parameters=("max_bytes",),
     ),
     "calibration-not-found": ProblemType(
         title="No such calibration",
@@ -465,6 +479,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="No calibration run has this id.",
         action="List the runs with `GET /api/calibration/runs`.",
         group="Do not retry",
+        parameters=("calibration",),
     ),
     "no-fault": ProblemType(
         title="There is no fault",
@@ -479,6 +494,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The scan or calibration has no such result, for example because it failed.",
         action="Read its `state` and its `problem`.",
         group="Do not retry",
+        parameters=("scan", "calibration", "state", "view", "file"),
     ),
     "not-activatable": ProblemType(
         title="Nothing to activate",
@@ -486,6 +502,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The run is a verification, or it ended without a result.",
         action="Read its `kind`, its `state` and its `problem`, and run a calibration.",
         group="Do not retry",
+        parameters=("calibration", "state"),
     ),
     "not-cancellable": ProblemType(
         title="Already ended",
@@ -493,6 +510,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The scan or calibration has ended already.",
         action="Read its `state`.",
         group="Do not retry",
+        parameters=("kind", "state"),
     ),
     "not-found": ProblemType(
         title="Not found",
@@ -507,6 +525,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="No recording has this id, or it was removed.",
         action="List the recordings with `GET /api/recordings`, or upload it.",
         group="Do not retry",
+        parameters=("recording",),
     ),
     "scan-not-found": ProblemType(
         title="No such scan",
@@ -514,6 +533,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="No scan has this id, or it was removed.",
         action="List the scans with `GET /api/scans`.",
         group="Do not retry",
+        parameters=("scan",),
     ),
     "cross-origin": ProblemType(
         title="Cross-origin request",
@@ -528,6 +548,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The role of the token does not allow this call.",
         action="Use a token of the role that `detail` names.",
         group="Get access",
+        parameters=("needed_role", "role"),
     ),
     "host-not-allowed": ProblemType(
         title="Host name not allowed",
@@ -535,6 +556,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The request names a host that is not among the allowed hosts of the service.",
         action="Add the name to `security.allowed_hosts`, or call the service by its address.",
         group="Get access",
+        parameters=("host",),
     ),
     "token-in-query": ProblemType(
         title="The address contains a token",
@@ -879,6 +901,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="A file of the store is missing or has another size than when it was written, or its row cannot be read.",
         action="Ask the maintainer to run `pointchain doctor`. Reprocess the scan if its recording is whole.",
         group="Report to the maintainer",
+        parameters=("file",),
     ),
     "internal": ProblemType(
         title="Internal error",

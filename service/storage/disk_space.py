@@ -25,6 +25,8 @@ def require_space(folder: Path, min_free_bytes: int, incoming_bytes: int = 0) ->
             "storage-full",
             f"{_size(free)} are free in the data folder and {_size(needed)} are needed: free some, have old scans "
             "removed (retention), or set limits.min_free_bytes lower; nothing is removed by itself to make room",
+            free_bytes=free,
+            needed_bytes=needed,
         )
 
 

@@ -92,5 +92,6 @@ class IdempotencyKeys:
             raise ServiceError(
                 "idempotency-mismatch",
                 f"this Idempotency-Key was used for another request, which started scan {used.scan}; take a new key",
+                scan=used.scan,
             )
         return self._store.scan(used.scan)

@@ -44,6 +44,11 @@ def check_declared(answer: httpx.Response) -> None:
     assert PROBLEM_TYPES[name].status is not None, request
     types = declared["content"][MEDIA_TYPE]["schema"]["properties"]["type"]["enum"]
     assert f"urn:pointchain:{name}" in types, f"{request}, which is not declared"
+    problem = answer.json()
+    for parameter, value in problem.get("parameters", {}).items():
+        assert parameter in PROBLEM_TYPES[name].parameters, f"{request} with an undeclared parameter {parameter}"
+        if isinstance(value, str):
+            assert value in problem["detail"], f"{request}: the detail does not contain the {parameter} {value}"
 
 
 def slug(answer: httpx.Response) -> str | None:

@@ -28,7 +28,9 @@ router = APIRouter(prefix="/api/calibration", tags=["calibration"])
 def _find(id: Id, service: Service) -> CalibrationRow:  # noqa: A002 (the path's own name)
     row = service.store.calibrations.get(id)
     if row is None:
-        raise ProblemError("calibration-not-found", f"there is no calibration {id}; GET {RUNS} lists them")
+        raise ProblemError(
+            "calibration-not-found", f"there is no calibration {id}; GET {RUNS} lists them", calibration=id
+        )
     return row
 
 
@@ -155,5 +157,7 @@ def get_picture(run: Run, index: Index, service: Service, if_none_match: IfNoneM
     """Return the image that was captured at a view."""
     path = picture_file(run_folder(service.cell, run.id), index)
     if path is None:
-        raise ProblemError("no-result", f"{run.kind} {run.id} has no image of view {index}")
+        raise ProblemError(
+            "no-result", f"{run.kind} {run.id} has no image of view {index}", calibration=run.id, view=index
+        )
     return send_file(path, "image/png", if_none_match)

@@ -173,7 +173,9 @@ def _begin_scan(
         snapshot_kind = "resync"
     present = events.snapshot(scan_id)
     if present is None:  # removed after the dependency found it
-        raise ProblemError("scan-not-found", f"there is no scan {scan_id} any more; GET /api/scans lists them")
+        raise ProblemError(
+            "scan-not-found", f"there is no scan {scan_id} any more; GET /api/scans lists them", scan=scan_id
+        )
     return present, snapshot_kind, present.newest
 
 

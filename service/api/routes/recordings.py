@@ -114,7 +114,7 @@ def _upload_slot(service: Context) -> Iterator[None]:
         service.uploads.acquire_nowait()
     except WouldBlock:
         detail = f"{MAX_UPLOADS} recordings are being uploaded; try again later"
-        raise ProblemError("busy", detail, {"Retry-After": "5"}) from None
+        raise ProblemError("busy", detail, {"Retry-After": "5"}, uploads=MAX_UPLOADS) from None
     try:
         yield
     finally:

@@ -71,7 +71,9 @@ def get_grasps(scan: Scan, service: Service, response: Response, if_none_match: 
         return not_modified_response(etag)
     model = json.loads(path.read_bytes())
     if "grasps" not in model:
-        raise ProblemError("no-result", f"scan {scan.id} is from an older version and has no grasps: scan again")
+        raise ProblemError(
+            "no-result", f"scan {scan.id} is from an older version and has no grasps: scan again", scan=scan.id
+        )
     response.headers["ETag"] = etag
     return {key: model[key] for key in ("schema", "frame", "grasps")}
 
@@ -122,7 +124,7 @@ def get_scan_recording(scan: Scan, service: Service, if_none_match: IfNoneMatch)
     """Return the recording of the scan, in any state of the scan."""
     recording = service.store.recording(scan.recording) if scan.recording else None
     if recording is None:
-        raise ProblemError("no-result", f"scan {scan.id} has no recording")
+        raise ProblemError("no-result", f"scan {scan.id} has no recording", scan=scan.id)
     return recordings.send_recording(service, recording, if_none_match)
 
 
@@ -147,9 +149,13 @@ def _result_path(scan: ScanRow, service: Context, name: str) -> Path:
         ProblemError: `result-not-ready`: The scan has not ended. `no-result`: The scan has no result.
     """
     if scan.state in ACTIVE_STATES:
-        raise ProblemError("result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end")
+        raise ProblemError(
+            "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end", scan=scan.id, state=scan.state
+        )
     if scan.state not in RESULT_STATES:
-        raise ProblemError("no-result", f"scan {scan.id} is {scan.state}: it has no result")
+        raise ProblemError(
+            "no-result", f"scan {scan.id} is {scan.state}: it has no result", scan=scan.id, state=scan.state
+        )
     return service.store.folder.results(scan.id) / name
 
 

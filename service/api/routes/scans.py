@@ -57,7 +57,11 @@ def start_scan(
             return service.jobs.submit.live(wanted.views, wanted.method, radius, arrival_time(), requester)
         recording = service.store.recording(wanted.recording)
         if recording is None:
-            raise ProblemError("recording-not-found", f"there is no recording {wanted.recording}; upload it first")
+            raise ProblemError(
+                "recording-not-found",
+                f"there is no recording {wanted.recording}; upload it first",
+                recording=wanted.recording,
+            )
         require_recording_file(service, recording)
         radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
         return service.jobs.submit.replay(recording, wanted.method, radius, requester)
@@ -87,10 +91,15 @@ def reprocess_scan(
 
     def submit(_: float) -> ScanRow:
         if source.state in ACTIVE_STATES:
-            raise ProblemError("result-not-ready", f"scan {source.id} is {source.state}; wait for its end")
+            raise ProblemError(
+                "result-not-ready",
+                f"scan {source.id} is {source.state}; wait for its end",
+                scan=source.id,
+                state=source.state,
+            )
         recording = service.store.recording(source.recording) if source.recording else None
         if recording is None:
-            raise ProblemError("no-result", f"scan {source.id} has no recording")
+            raise ProblemError("no-result", f"scan {source.id} has no recording", scan=source.id)
         require_recording_file(service, recording)
         given = "string_radius_m" in wanted.model_fields_set
         radius = check_radius(wanted.string_radius_m if given else source.string_radius_m, None)

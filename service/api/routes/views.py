@@ -79,7 +79,7 @@ async def get_view_picture(id: Id, index: Index, service: Service, if_none_match
     def draw() -> bytes:
         view_and_header = None if path is None else read_view(path, index)
         if view_and_header is None:
-            raise ProblemError("no-result", f"scan {id} has no view {index}, or not yet")
+            raise ProblemError("no-result", f"scan {id} has no view {index}, or not yet", scan=id, view=index)
         return draw_depth(*view_and_header)
 
     return await service.image_cache.respond((path, index), if_none_match, draw)
@@ -100,6 +100,6 @@ def _recording(scan_id: str, service: Context) -> Path | None:
         require_recording_file(service, recording)
         return service.store.folder.recording(recording.id)
     if scan.mode != "live":
-        raise ProblemError("no-result", f"scan {scan_id} has no recording")
+        raise ProblemError("no-result", f"scan {scan_id} has no recording", scan=scan_id)
     path = service.store.folder.recording(scan_id)
     return path if path.is_file() and path.stat().st_size > 0 else None

@@ -21,6 +21,9 @@ class Problem(ApiModel):
     status: int
     detail: str
     instance: str | None = None
+    parameters: dict[str, str | int | float] | None = Field(
+        default=None, description="Values that the detail contains, by name. A translation of the detail uses them."
+    )
 
 
 def problem_resource(failure: Failure | None, instance: str) -> Problem | None:

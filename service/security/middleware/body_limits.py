@@ -122,7 +122,7 @@ _CLOSE = {"Connection": "close"}
 
 
 def _too_large(limit: int) -> ProblemError:
-    return ProblemError("too-large", f"the body is larger than {limit} bytes", _CLOSE)
+    return ProblemError("too-large", f"the body is larger than {limit} bytes", _CLOSE, max_bytes=limit)
 
 
 def _too_slow() -> ProblemError:

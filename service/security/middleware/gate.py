@@ -66,12 +66,15 @@ class Gate:
             raise ProblemError("not-found", "there is nothing at this address; /docs lists what there is")
         if isinstance(found, OtherMethods):
             allowed = {"Allow": ", ".join(found.methods)}
-            raise ProblemError("method-not-allowed", f"{scope['method']} is not possible here", allowed)
+            method: str = scope["method"]
+            raise ProblemError("method-not-allowed", f"{method} is not possible here", allowed, method=method)
         if found.min_role is not None:
             if not caller.has_role(found.min_role):
                 raise ProblemError(
                     "forbidden",
                     f"this needs a token with the role {found.min_role}; {caller.name} has the role {caller.role}",
+                    needed_role=found.min_role,
+                    role=caller.role,
                 )
             state["still_allowed"] = partial(self._still_allowed, scope, found.min_role)
         check_encoding(Headers(scope=scope))
@@ -91,9 +94,13 @@ def check_size(scope: Scope) -> None:
         ProblemError: The address (`target-too-long`) or the headers (`headers-too-large`) are too large.
     """
     if len(scope.get("raw_path") or b"") + len(scope["query_string"]) > MAX_TARGET_BYTES:
-        raise ProblemError("target-too-long", f"the address has more than {MAX_TARGET_BYTES} bytes")
+        raise ProblemError(
+            "target-too-long", f"the address has more than {MAX_TARGET_BYTES} bytes", max_bytes=MAX_TARGET_BYTES
+        )
     if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > MAX_HEADERS_BYTES:
-        raise ProblemError("headers-too-large", f"the headers have more than {MAX_HEADERS_BYTES} bytes")
+        raise ProblemError(
+            "headers-too-large", f"the headers have more than {MAX_HEADERS_BYTES} bytes", max_bytes=MAX_HEADERS_BYTES
+        )
 
 
 def check_encoding(headers: Headers) -> None:

@@ -20,7 +20,7 @@ async def refuse(scope: Scope, receive: Receive, send: Send, error: ProblemError
     headers = dict(error.headers or {})
     if _has_large_body(scope):
         headers["Connection"] = "close"
-    document = problem_document(error.slug, error.detail, quote(scope["path"]))
+    document = problem_document(error.slug, error.detail, quote(scope["path"]), error.parameters)
     answer = JSONResponse(document, error.status_code, headers=headers, media_type=MEDIA_TYPE)
     await answer(scope, receive, send)
 

@@ -73,6 +73,7 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "node_modules").symlink_to(WEB / "node_modules")
     catalogue = pseudo(json.loads((WEB / "src/texts/en.json").read_text()))
     catalogue["problem"]["not-connected"] = {"title": wide("not connected")}
+    catalogue["problem"]["scan-not-found"] = {"title": wide("No such scan"), "detail": wide("I do not know {scan}.")}
     del catalogue["history"]["title"]  # this text falls back to English
     (folder / "src/texts/de.json").write_text(json.dumps(catalogue))
     run_node("build.mjs", folder)
@@ -194,6 +195,18 @@ def test_another_catalogue_translates_every_screen(
     page.keyboard.press("4")
     expect(page.get_by_role("main")).to_contain_text(wide("Drift in recent scans"))
     assert service.untranslated(page) == set()
+
+
+def test_another_catalogue_translates_a_problem_with_its_parameters(
+    open_console: Open, client: ServedClient, copied: Path
+) -> None:
+    missing = "20260131t120000-000000-9f86d081"
+    opened = open_console(client, locale="de-DE")
+    opened.expect("404")
+    serve_files(opened.page, copied)
+    opened.page.evaluate(f"location.hash = '#/result/{missing}'")
+    expect(opened.page.get_by_role("main")).to_contain_text(wide("No such scan"))
+    expect(opened.page.get_by_role("main")).to_contain_text(f"{wide('I do not know')} {missing}.")
 
 
 def test_another_catalogue_translates_signing_in_and_the_stop(open_console: Open, cell: Cell, copied: Path) -> None:

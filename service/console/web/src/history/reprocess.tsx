@@ -5,7 +5,7 @@ import { parseRadius, RadiusField, radiusMetres, radiusText } from "../scan/radi
 import { calibrating } from "../state/cell";
 import { latest, running, show } from "../state/scans";
 import { refreshNow } from "../state/updates";
-import { problemDetail, slugOf } from "../texts/problem";
+import { problemDetail } from "../texts/problem";
 import { hasModel, isActive, outcome } from "../texts/states";
 import { t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
@@ -55,7 +55,7 @@ export function Reprocess({ scan }: { scan: Scan }) {
       {created !== null && (
         <p role="status">
           {t("history.reprocess.state", { state: outcome(created).word })}{" "}
-          {created.problem && problemDetail(slugOf(created.problem), created.problem.detail)}{" "}
+          {created.problem && problemDetail(created.problem)}{" "}
           <WhatToDo problem={created.problem?.type ?? null} />
           {hasModel(created) && <a href={addressOf("result", created.id)}>{t("history.reprocess.result")}</a>}
         </p>

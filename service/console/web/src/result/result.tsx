@@ -7,7 +7,7 @@ import { RadiusWarning } from "../scan/radius_warning";
 import { RecordingName } from "../scan/recording_name";
 import { latestOriginal } from "../state/scans";
 import { when } from "../texts/format";
-import { problemDetail, slugOf } from "../texts/problem";
+import { problemDetail } from "../texts/problem";
 import { foundText, hasModel, isActive, isElsewhere, kindOf, outcome } from "../texts/states";
 import { rich, t } from "../texts/translate";
 import { Failed, strong } from "../ui/action";
@@ -64,7 +64,7 @@ function Result({ id }: { id: string }) {
         {scan !== null && <Description scan={scan} model={model} />}
         {scan?.problem && (
           <p class="note bad">
-            {problemDetail(slugOf(scan.problem), scan.problem.detail)} <WhatToDo problem={scan.problem.type} />
+            {problemDetail(scan.problem)} <WhatToDo problem={scan.problem.type} />
           </p>
         )}
         {scan !== null && isElsewhere(scan) && scan.recording !== null && (

@@ -1,5 +1,6 @@
-import { findText } from "./translate";
+import type { Problem } from "../net/api";
 import { sentence } from "./sentence";
+import { fillText, findText } from "./translate";
 
 const URN = "urn:pointchain:";
 
@@ -13,8 +14,13 @@ export function problemTitle(slug: string | null, fallback: string): string {
   return (slug === null ? undefined : findText(`problem.${slug}.title`)) ?? fallback;
 }
 
-/** Return what to read about a problem: the catalogue's `problem.<slug>.advice`, if any, and the service's detail. */
-export function problemDetail(slug: string | null, detail: string): string {
-  const advice = slug === null ? undefined : findText(`problem.${slug}.advice`);
-  return advice === undefined ? sentence(detail) : `${advice} ${sentence(detail)}`;
+/**
+ * Return what to read about a problem: the catalogue's `problem.<slug>.advice`, if any, and the detail. The detail is the
+ * catalogue's `problem.<slug>.detail` if the problem has all its placeholders as parameters, or else the service's text.
+ */
+export function problemDetail(problem: Problem): string {
+  const slug = slugOf(problem);
+  const advice = findText(`problem.${slug}.advice`);
+  const detail = fillText(`problem.${slug}.detail`, problem.parameters ?? {}) ?? sentence(problem.detail);
+  return advice === undefined ? detail : `${advice} ${detail}`;
 }

@@ -80,6 +80,13 @@ export function findText(key: string, count?: number): string | undefined {
   return undefined;
 }
 
+/** Return a text whose key and values come from the service; undefined if no catalogue has it, or a value is missing. */
+export function fillText(key: string, values: Readonly<Record<string, Value>>): string | undefined {
+  const text = findText(key);
+  const names = text?.match(/(?<=\{)\w+(?=\})/g) ?? [];
+  return names.every((name) => name in values) ? text?.replace(/\{(\w+)\}/g, (_, name: string) => String(values[name])) : undefined;
+}
+
 /** Return a text, with its placeholders replaced. */
 export function t<K extends PlainKey>(key: K, ...[values]: Arguments<K>): string {
   const given = (values ?? {}) as Record<string, Value>;

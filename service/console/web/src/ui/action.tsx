@@ -22,7 +22,7 @@ export function failureOf(error: unknown): Failure {
   if (error instanceof RefusedError) {
     const { slug, problem, retryAfter_s } = error;
     const title = problemTitle(slug, problem.title);
-    return { title, detail: problemDetail(slug, problem.detail), slug, problem: problem.type, retryAfter_s };
+    return { title, detail: problemDetail(problem), slug, problem: problem.type, retryAfter_s };
   }
   if (error instanceof NoAnswerError) {
     const { timeout_s } = error;

@@ -11,7 +11,7 @@ export function EndReason({ state, problem }: { state: ScanState; problem: Probl
   const title = problemTitle(slug, problem.title);
   return (
     <p class={`note ${state === "aborted" ? "warn" : "bad"}`}>
-      {rich("failure.message", { title, detail: problemDetail(slug, problem.detail), strong })}{" "}
+      {rich("failure.message", { title, detail: problemDetail(problem), strong })}{" "}
       <WhatToDo problem={problem.type} />
     </p>
   );
