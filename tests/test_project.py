@@ -67,14 +67,19 @@ def test_installation_makes_the_four_packages_importable_and_nothing_else(tmp_pa
     assert ours == {"service", "cell", "calibration", "recognition"}, "not as `make setup` installs it"
 
 
-def test_every_package_folder_is_installed() -> None:
+NOT_INSTALLED = {"cell.simulation.benchmark", "service.benchmark"}
+"""Packages that only a checkout has."""
+
+
+def test_every_package_folder_but_the_benchmark_is_installed() -> None:
     # The list in pyproject.toml is written by hand: a new folder is easily forgotten there.
     folders = {
         ".".join(file.parent.relative_to(ROOT).parts)
         for top in ("service", "cell", "calibration", "recognition")
         for file in (ROOT / top).rglob("__init__.py")
     }
-    assert set(PYPROJECT["tool"]["setuptools"]["packages"]) == folders
+    assert folders >= NOT_INSTALLED
+    assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(folders - NOT_INSTALLED)
 
 
 def test_help_imports_nothing_heavy(tmp_path: Path) -> None:

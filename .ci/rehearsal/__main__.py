@@ -37,6 +37,7 @@ cd /root
 pointchain --version
 pointchain simulate knot.mcap --scene overhand-knot --seed 3
 pointchain recognise knot.mcap > knot.json
+pointchain bench && exit 1 || test $? = 2  # it needs a checkout
 POINTCHAIN_DATA_DIR=/root/data POINTCHAIN_PORT=8123 pointchain serve &
 service=$!
 timeout 120 sh -c 'until python3 -c "$0" 2>/dev/null; do sleep 1; done' {shlex.quote(ASK_MANUAL)}

@@ -11,9 +11,9 @@ from platform import python_version
 from typing import Any
 
 from cell.simulation.benchmark import accuracy, tables
-from cell.simulation.benchmark.cases import TIERS
 from cell.simulation.benchmark.scaling import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
+from cell.simulation.cases import TIERS
 from recognition.model.model import METHODS
 from service.benchmark.cell import cell_table, measure_cell
 from service.benchmark.estimate import (
@@ -72,7 +72,7 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
 
     Args:
         only: One of `PARTS`. None: all parts.
-        tiers: Names of `cell.simulation.benchmark.cases.TIERS`. Empty: all tiers.
+        tiers: Names of `cell.simulation.cases.TIERS`. Empty: all tiers.
         seeds: Number of scenes of each tier. Every method recognises each scene.
         jobs: Number of processes of the accuracy part. None: one per core.
         as_json: Print one JSON document instead of Markdown tables.

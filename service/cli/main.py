@@ -7,6 +7,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 from service.cli.calibrate.parser import add_calibrate_commands
@@ -118,11 +119,11 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = commands.add_parser(
         "bench",
-        help="measure accuracy, speed, the simulated cell and the service under load",
+        help="measure accuracy, speed, the simulated cell and the service under load; needs a checkout of the sources",
         description="Measure speed, memory and growth of recognition on this machine, a live scan of the simulated "
         "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier. Print "
         "Markdown tables on stdout as they are known, and progress with the remaining time on stderr. The scenes are "
-        "the same every time.",
+        "the same every time. The wheel does not contain the benchmark: run it in a checkout of the sources.",
     )
     bench.add_argument("--only", choices=("speed", "cell", "service", "accuracy"), help="measure this part only")
     bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes of each tier (%(default)s)")
@@ -207,6 +208,13 @@ def _serve(options: argparse.Namespace) -> int:
 
 
 def _bench(options: argparse.Namespace) -> int:
+    if find_spec("service.benchmark") is None:  # a wheel does not contain it
+        print(
+            "pointchain bench: the benchmark is not part of the installed package, because it is only for development; "
+            "run `pointchain bench` in a checkout of the sources",
+            file=sys.stderr,
+        )
+        return 2
     from service.benchmark.command import bench
 
     return bench(options.only, options.tiers, options.seeds, options.jobs, options.json)

@@ -76,7 +76,7 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     Returns:
         One result for each of `METHODS`, in their order.
     """
-    from cell.simulation.benchmark.cases import make_case, simulate
+    from cell.simulation.cases import make_case, simulate
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cell.simulation.benchmark.cases import make_case, simulate
+from cell.simulation.cases import make_case, simulate
 from cell.simulation.evaluation.metrics import score
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise

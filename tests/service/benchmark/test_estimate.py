@@ -2,7 +2,7 @@
 
 import pytest
 
-from cell.simulation.benchmark.cases import TIERS
+from cell.simulation.cases import TIERS
 from service.benchmark.estimate import (
     TIER_COSTS,
     Probe,

@@ -3,6 +3,7 @@
 import json
 import re
 import socket
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -305,6 +306,19 @@ def test_wrong_arguments_exit_with_2(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as raised:
         main(arguments)
     assert raised.value.code == 2
+
+
+def test_bench_of_a_wheel_asks_for_a_checkout(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "service.benchmark", None)  # as if the package were not installed
+    assert main(["bench", "--only", "speed"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == (
+        "pointchain bench: the benchmark is not part of the installed package, because it is only for development; "
+        "run `pointchain bench` in a checkout of the sources\n"
+    )
 
 
 def test_serve_reports_why_it_cannot_start(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.simulation.benchmark import cases
+from cell.simulation import cases
 from cell.simulation.benchmark.accuracy import ALL, CaseResult, case_json, run_case, sigma_by_tier, summarise
 from cell.simulation.benchmark.intervals import wilson_interval
 from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares

@@ -1,4 +1,4 @@
-"""Draw the simulated cases of the benchmark, in tiers from the scene of the paper to hard scenes."""
+"""Draw simulated cases in tiers, from the scene of the paper to hard scenes. The benchmark recognises them."""
 
 from dataclasses import dataclass, replace
 

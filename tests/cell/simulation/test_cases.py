@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cell.simulation.benchmark.cases import TIERS, Case, TierError, make_case, simulate
+from cell.simulation.cases import TIERS, Case, TierError, make_case, simulate
 from cell.simulation.pose_errors import PoseErrors
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.ground_truth import true_crossings
