@@ -17,6 +17,7 @@ from service.cli.commands.cell import add_cell_commands
 from service.cli.commands.integrity import add_integrity_command
 from service.cli.commands.interchange import add_interchange_commands
 from service.cli.commands.tokens import add_token_commands
+from service.cli.options import add_json_option
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
         "--tiers", type=_names, default=(), metavar="A,B", help="tiers to measure; an unknown name lists all (all)"
     )
     bench.add_argument("--jobs", type=int, metavar="N", help="processes of the accuracy part (one per core)")
-    bench.add_argument("--json", action="store_true", help="print one JSON document, with the result of each scene")
+    add_json_option(bench, "one JSON document, with the result of each scene")
     bench.set_defaults(run=_bench)
 
     demo = commands.add_parser(

@@ -4,12 +4,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from service.cli.options import Commands, add_config_option, add_json_option, whole_number
+
 BOARD_OPTIONS = ("kind", "columns", "rows", "pitch_m", "marker_m", "dictionary")
 MIN_POSES, MAX_POSES = 10, 40
 """Limits of --poses. The minimum is that of `cell.planning.calibration_poses`, which is not imported for --help."""
 
 
-def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_calibrate_commands(commands: Commands) -> None:
     """Add `calibrate` and its commands."""
     calibrate = commands.add_parser(
         "calibrate",
@@ -24,7 +26,7 @@ def add_calibrate_commands(commands: "argparse._SubParsersAction[argparse.Argume
     _add_activate(kinds)
 
 
-def _add_board(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_board(kinds: Commands) -> None:
     board = kinds.add_parser(
         "board",
         help="write a board to print, as PDF",
@@ -36,7 +38,7 @@ def _add_board(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     board.set_defaults(run=_board)
 
 
-def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_run(kinds: Commands) -> None:
     run = kinds.add_parser(
         "run",
         help="calibrate the configured cell: the arm moves",
@@ -44,10 +46,10 @@ def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> No
         "the middle of the workspace. Solve, verify on held-out poses, and ask whether to activate the result. Ctrl-C "
         "stops the arm. Exit code 1 if the result is refused.",
     )
-    run.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    add_config_option(run)
     run.add_argument(
         "--poses",
-        type=_poses,
+        type=whole_number(MIN_POSES, MAX_POSES, "poses"),
         default=15,
         metavar="N",
         help="number of poses to solve from (%(default)s); 2 more are held out",
@@ -58,12 +60,12 @@ def _add_run(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> No
     run.add_argument(
         "--yes", action="store_true", help="activate the result without asking, if it is verified and not refused"
     )
-    run.add_argument("--json", action="store_true", help="print the result as one JSON document")
+    add_json_option(run, "the result as one JSON document")
     _add_board_options(run)
     run.set_defaults(run=_run)
 
 
-def _add_verify(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_verify(kinds: Commands) -> None:
     verify = kinds.add_parser(
         "verify",
         help="verify the active calibration by two views of the board: the arm moves",
@@ -71,13 +73,13 @@ def _add_verify(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
         "the calibration still holds and whether the board was moved. Ctrl-C stops the arm. Exit code 1 if it does "
         "not hold.",
     )
-    verify.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    add_config_option(verify)
     verify.add_argument("--folder", type=Path, metavar="DIR", help="new or empty folder for the two images (not kept)")
-    verify.add_argument("--json", action="store_true", help="print one JSON document")
+    add_json_option(verify)
     verify.set_defaults(run=_verify)
 
 
-def _add_solve(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_solve(kinds: Commands) -> None:
     solve = kinds.add_parser(
         "solve",
         help="solve a calibration from images and poses in a folder",
@@ -90,11 +92,11 @@ def _add_solve(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     solve.add_argument(
         "--out", type=Path, metavar="FILE", help="file for the result; observations.json is written beside it (in DIR)"
     )
-    solve.add_argument("--json", action="store_true", help="print the result as one JSON document")
+    add_json_option(solve, "the result as one JSON document")
     solve.set_defaults(run=_solve)
 
 
-def _add_activate(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_activate(kinds: Commands) -> None:
     activate = kinds.add_parser(
         "activate",
         help="make a solved calibration the active one",
@@ -102,7 +104,7 @@ def _add_activate(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "it. Nothing moves.",
     )
     activate.add_argument("solved", type=Path, metavar="FILE|DIR", help="file of the calibration, or folder of its run")
-    activate.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
+    add_config_option(activate)
     activate.set_defaults(run=_activate)
 
 
@@ -131,12 +133,6 @@ def _add_board_options(parser: argparse.ArgumentParser) -> None:
 def board_fields(options: argparse.Namespace) -> dict[str, Any]:
     """Return the given fields of `calibration.target.board.Board`."""
     return {name: value for name in BOARD_OPTIONS if (value := getattr(options, name)) is not None}
-
-
-def _poses(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and MIN_POSES <= int(text) <= MAX_POSES):
-        raise argparse.ArgumentTypeError(f"{text!r}: from {MIN_POSES} to {MAX_POSES} poses are possible")
-    return int(text)
 
 
 def _board(options: argparse.Namespace) -> int:

@@ -4,12 +4,15 @@ import argparse
 import json
 import sys
 from datetime import UTC, datetime
-from pathlib import Path
 
+from service.cli.options import Commands, add_json_option, add_service_options, whole_number
 from service.clock import format_utc
 
+MAX_ENTRIES = 1_000_000
+"""Maximum of --limit."""
 
-def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+
+def add_audit_command(commands: Commands) -> None:
     """Add `audit`."""
     audit = commands.add_parser(
         "audit",
@@ -34,14 +37,13 @@ def add_audit_command(commands: "argparse._SubParsersAction[argparse.ArgumentPar
     )
     audit.add_argument(
         "--limit",
-        type=_limit,
+        type=whole_number(1, MAX_ENTRIES, "entries"),
         default=100,
         metavar="N",
         help="maximum number of entries, the newest ones (%(default)s)",
     )
-    audit.add_argument("--json", action="store_true", help="print one JSON document per line")
-    audit.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
-    audit.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
+    add_json_option(audit, "one JSON document per line")
+    add_service_options(audit)
     audit.set_defaults(run=_audit)
 
 
@@ -53,12 +55,6 @@ def _moment(text: str) -> str:
         message = f"{text!r} is not a date or time, as 2026-01-31 or 2026-01-31T08:00:00"
         raise argparse.ArgumentTypeError(message) from None
     return format_utc(moment)
-
-
-def _limit(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 1_000_000):
-        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to 1000000 entries are possible")
-    return int(text)
 
 
 def _audit(options: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ import math
 import sys
 from pathlib import Path
 
-from service.cli.commands.cell import METHODS
+from service.cli.options import Commands, add_config_option, add_json_option, add_method_option, whole_number
 
 SUFFIXES = (".jsonl", ".parquet")
 """Those of `service.batch.formats`, which is not imported for --help."""
@@ -13,7 +13,7 @@ MAX_JOBS = 512
 """Maximum number of processes."""
 
 
-def add_batch_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_batch_commands(commands: Commands) -> None:
     """Add `recognise` and `compare`."""
     recognise = commands.add_parser(
         "recognise",
@@ -32,7 +32,7 @@ def add_batch_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPa
     recognise.add_argument(
         "--radius", type=float, metavar="M", help="radius of the strings (the one in the recording, else measured)"
     )
-    recognise.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
+    add_method_option(recognise)
     recognise.add_argument(
         "--set",
         action="append",
@@ -43,12 +43,13 @@ def add_batch_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPa
         help="set a parameter of the method in place of its value for the radius, as r_cn=0.015; lengths in metres; "
         "may be repeated",
     )
-    recognise.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the gripper")
+    add_config_option(recognise, "the gripper")
     recognise.add_argument(
         "--out", type=_output, metavar="FILE", help="write to FILE.jsonl or FILE.parquet instead of stdout"
     )
     mode = recognise.add_mutually_exclusive_group()
-    mode.add_argument("--jobs", type=_jobs, metavar="N", help="use N processes of this machine (1)")
+    jobs = whole_number(1, MAX_JOBS, "processes")
+    mode.add_argument("--jobs", type=jobs, metavar="N", help="use N processes of this machine (1)")
     mode.add_argument(
         "--cluster", metavar="ADDRESS", help="use the workers of this Dask scheduler, which must see the same files"
     )
@@ -73,7 +74,7 @@ def add_batch_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPa
         metavar="M",
         help="distance below which a moved line is not reported (%(default)s)",
     )
-    compare.add_argument("--json", action="store_true", help="print one JSON document")
+    add_json_option(compare)
     compare.set_defaults(run=_compare)
 
 
@@ -96,12 +97,6 @@ def _setting(text: str) -> tuple[str, float]:
     if not math.isfinite(number):
         raise argparse.ArgumentTypeError(f"{name} is {value!r}; a finite number is needed")
     return name, number
-
-
-def _jobs(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= MAX_JOBS):
-        raise argparse.ArgumentTypeError(f"{text!r}: from 1 to {MAX_JOBS} processes are possible")
-    return int(text)
 
 
 def _recognise(options: argparse.Namespace) -> int:

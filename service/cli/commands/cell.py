@@ -4,13 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
-METHODS = ("matching", "enhanced", "graph")
-"""Those of `recognition.model.model.Method`, which is not imported for --help."""
+from service.cli.options import Commands, add_config_option, add_json_option, add_method_option, whole_number
+
 MIN_VIEWS, MAX_VIEWS = 2, 32
 """Limits of --views: those of `cell.config.cell_config.ScanSettings`, which is not imported for --help."""
 
 
-def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_cell_commands(commands: Commands) -> None:
     """Add `scan`, `check` and `viewpoints`."""
     scan = commands.add_parser(
         "scan",
@@ -19,12 +19,12 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
         "JSON document. Ctrl-C stops the arm.",
     )
     scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="new file for the recording (not kept)")
-    scan.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell and the gripper")
+    add_config_option(scan, "the cell and the gripper")
     scan.add_argument(
         "--radius", type=float, metavar="M", help="radius of the strings (the configured one, else measured)"
     )
-    scan.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
-    scan.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
+    add_method_option(scan)
+    _add_views_option(scan)
     scan.set_defaults(run=_scan)
 
     check = commands.add_parser(
@@ -33,8 +33,8 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
         description="Test configuration, robot, camera, calibration, table, viewpoints and disk, and report what is "
         "wrong and what to do. Nothing moves. Exit code 1 if a step failed.",
     )
-    check.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    check.add_argument("--json", action="store_true", help="print one JSON document")
+    add_config_option(check)
+    add_json_option(check)
     check.set_defaults(run=_check)
 
     viewpoints = commands.add_parser(
@@ -43,19 +43,18 @@ def add_cell_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPar
         description="Plan the viewpoints from the home posture of the arm and report which are reachable, in which "
         "order, and why others are not. No device is used. Exit code 1 if too few are reachable.",
     )
-    viewpoints.add_argument("--config", type=Path, metavar="TOML", help="configuration file: the cell")
-    viewpoints.add_argument("--views", type=_views, metavar="N", help="number of viewpoints (the configured one)")
+    add_config_option(viewpoints)
+    _add_views_option(viewpoints)
     viewpoints.add_argument(
         "--picture", type=Path, metavar="OUT.png", help="write a picture of arm, workspace and cameras"
     )
-    viewpoints.add_argument("--json", action="store_true", help="print the plan as one JSON document")
+    add_json_option(viewpoints, "the plan as one JSON document")
     viewpoints.set_defaults(run=_viewpoints)
 
 
-def _views(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and MIN_VIEWS <= int(text) <= MAX_VIEWS):
-        raise argparse.ArgumentTypeError(f"{text!r}: from {MIN_VIEWS} to {MAX_VIEWS} views are possible")
-    return int(text)
+def _add_views_option(parser: argparse.ArgumentParser) -> None:
+    views = whole_number(MIN_VIEWS, MAX_VIEWS, "views")
+    parser.add_argument("--views", type=views, metavar="N", help="number of viewpoints (the configured one)")
 
 
 def _scan(options: argparse.Namespace) -> int:

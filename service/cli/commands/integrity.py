@@ -1,10 +1,11 @@
 """The parser of `pointchain doctor`. The command imports its modules when it runs."""
 
 import argparse
-from pathlib import Path
+
+from service.cli.options import Commands, add_json_option, add_service_options
 
 
-def add_integrity_command(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_integrity_command(commands: Commands) -> None:
     """Add `doctor`."""
     doctor = commands.add_parser(
         "doctor",
@@ -13,8 +14,7 @@ def add_integrity_command(commands: "argparse._SubParsersAction[argparse.Argumen
         "files without a row, rows without a file, and unfinished work. Changes nothing without --repair, and may run "
         "beside the service. Exit code 1 if something is found, or remains after a repair.",
     )
-    doctor.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
-    doctor.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
+    add_service_options(doctor)
     doctor.add_argument(
         "--repair",
         action="store_true",
@@ -22,7 +22,7 @@ def add_integrity_command(commands: "argparse._SubParsersAction[argparse.Argumen
         "is deleted: it is moved to DATA_DIR/lost+found",
     )
     doctor.add_argument("--quick", action="store_true", help="compare sizes only; read no file")
-    doctor.add_argument("--json", action="store_true", help="print one JSON document")
+    add_json_option(doctor)
     doctor.set_defaults(run=_doctor)
 
 

@@ -3,10 +3,11 @@
 import argparse
 from pathlib import Path
 
+from service.cli.options import Commands
 from service.interchange.scene_options import add_scene_options
 
 
-def add_interchange_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_interchange_commands(commands: Commands) -> None:
     """Add `import` and `export`."""
     imports = commands.add_parser(
         "import", help="recordings from other programs' files: ROS bags, depth images, point clouds"
@@ -58,7 +59,7 @@ def add_interchange_commands(commands: "argparse._SubParsersAction[argparse.Argu
     export.set_defaults(run=_export)
 
 
-def _add_frames(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_frames(kinds: Commands) -> None:
     frames = kinds.add_parser(
         "frames",
         help="a folder of depth images (16-bit PNG or NPY) with camera matrix and poses",
@@ -91,7 +92,7 @@ def _add_frames(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") ->
     frames.set_defaults(run=_import_frames)
 
 
-def _add_cloud(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_cloud(kinds: Commands) -> None:
     cloud = kinds.add_parser(
         "cloud",
         help="point clouds (PLY) with the positions that they were taken from",

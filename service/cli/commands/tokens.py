@@ -4,11 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from service.cli.options import Commands, add_service_options
+
 ROLES = ("viewer", "operator", "maintainer")
 """Those of `service.security.auth.caller`, which is not imported for --help."""
 
 
-def add_token_commands(commands: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_token_commands(commands: Commands) -> None:
     """Add `token` and its commands."""
     token = commands.add_parser(
         "token",
@@ -22,24 +24,19 @@ def add_token_commands(commands: "argparse._SubParsersAction[argparse.ArgumentPa
     add = kinds.add_parser("add", help="make a token and print it once", description="Make a token and print it once.")
     add.add_argument("name", metavar="NAME", help="name of the person or program, for the audit log")
     add.add_argument("--role", required=True, choices=ROLES, help="what the client may do")
-    _add_data_dir_options(add)
+    add_service_options(add)
     add.set_defaults(run=_add)
 
     listing = kinds.add_parser(
         "list", help="list names and roles", description="Print one line per token: name, role, date."
     )
-    _add_data_dir_options(listing)
+    add_service_options(listing)
     listing.set_defaults(run=_list)
 
     remove = kinds.add_parser("remove", help="remove a token", description="Remove a token. It is refused from now on.")
     remove.add_argument("name", metavar="NAME", help="name of the token")
-    _add_data_dir_options(remove)
+    add_service_options(remove)
     remove.set_defaults(run=_remove)
-
-
-def _add_data_dir_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, metavar="TOML", help="configuration file of the service")
-    parser.add_argument("--data-dir", type=Path, metavar="DIR", help="data folder of the service")
 
 
 def _data_dir(options: argparse.Namespace) -> Path:
