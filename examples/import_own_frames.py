@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 
 TABLE_Z_M = 0.0
 RADIUS_M = 0.0042

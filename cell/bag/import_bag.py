@@ -16,11 +16,11 @@ from cell.bag.survey import Survey, Topics, find_topics, survey
 from cell.bag.tf_tree import nanoseconds
 from cell.camera.frame_averaging import median
 from cell.devices import InvalidViewError, View
+from cell.recording import RecordingHeader
 from cell.recording.errors import shown
 from cell.recording.header import Box
 from cell.recording.limits import DEFAULT_LIMITS
 from cell.recording.whole_recording import require_new, write_whole
-from cell.recording.writer import RecordingHeader
 
 MIN_VIEWS = 2
 """Smallest number of views for recognition."""

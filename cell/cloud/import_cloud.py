@@ -13,11 +13,11 @@ from cell.cloud.virtual_view import VirtualView, virtual_view
 from cell.devices import View
 from cell.frames.depth_file import fine_unit, to_counts
 from cell.frames.folder import MIN_VIEWS
+from cell.recording import RecordingHeader
 from cell.recording.errors import shown
 from cell.recording.header import Box
 from cell.recording.limits import DEFAULT_LIMITS
 from cell.recording.whole_recording import require_new, write_whole
-from cell.recording.writer import RecordingHeader
 
 VIEW_PROPERTY = "view"
 """Property that numbers the viewpoint of each point, where a file has it and no other is named."""

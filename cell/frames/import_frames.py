@@ -24,10 +24,10 @@ from cell.frames.table_fit import (
     table_offset_m,
     table_units,
 )
+from cell.recording import RecordingHeader
 from cell.recording.errors import shown
 from cell.recording.header import Box
 from cell.recording.whole_recording import require_new, write_whole
-from cell.recording.writer import RecordingHeader
 
 NEIGHBOURS = 5000
 """Number of matrices that `encodable` tries; enough for each of 152 poses of recordings."""

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from calibration.atomic_write import sync_folder
 from cell.devices import View
-from cell.recording.writer import RecordingExistsError, RecordingHeader, RecordingWriter
+from cell.recording.errors import RecordingExistsError
+from cell.recording.header import RecordingHeader
+from cell.recording.writer import RecordingWriter
 
 
 def require_new(out: Path) -> None:

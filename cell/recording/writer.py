@@ -21,22 +21,17 @@ from mcap.writer import CompressionType, Writer
 from calibration.atomic_write import sync_folder
 from cell.devices import View
 from cell.recording.errors import (
-    NotMcapError,
     RecordingContentError,
-    RecordingCorruptError,
-    RecordingEmptyError,
     RecordingError,
     RecordingExistsError,
-    RecordingHeaderError,
     RecordingTooLargeError,
-    RecordingUnreadableError,
 )
 from cell.recording.hashed_file import HashedFile, WrittenRange
 from cell.recording.header import HAND_EYE, METADATA, RecordingHeader, to_hand_eye, to_metadata
-from cell.recording.limits import DEFAULT_LIMITS, MIB, Limits
+from cell.recording.limits import DEFAULT_LIMITS, MIB
 from cell.recording.mcap_channels import register_channel
 from cell.recording.messages import POSE, decode_pose, encode_view
-from cell.recording.reader import MODEL, Recording, read_recording, read_result
+from cell.recording.reader import MODEL
 from cell.recording.result_scene import scene_of_model
 
 SCENE = "/result/scene"
@@ -53,6 +48,7 @@ class RecordingWriter:
         >>> from tempfile import TemporaryDirectory
         >>> import numpy as np
         >>> from calibration.geometry import from_rotation_vector
+        >>> from cell.recording import read_recording
         >>> T_flange_camera = from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
         >>> header = RecordingHeader(depth_unit_m=0.001, string_radius_m=0.0042, T_flange_camera=T_flange_camera)
         >>> view = View(
@@ -260,22 +256,3 @@ def _timestamp(nanoseconds: int) -> Timestamp:
     stamp = Timestamp()
     stamp.FromNanoseconds(nanoseconds)
     return stamp
-
-
-__all__ = [
-    "Limits",
-    "NotMcapError",
-    "Recording",
-    "RecordingContentError",
-    "RecordingCorruptError",
-    "RecordingEmptyError",
-    "RecordingError",
-    "RecordingExistsError",
-    "RecordingHeader",
-    "RecordingHeaderError",
-    "RecordingTooLargeError",
-    "RecordingUnreadableError",
-    "RecordingWriter",
-    "read_recording",
-    "read_result",
-]

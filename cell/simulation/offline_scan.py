@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.devices import View
-from cell.recording.writer import RecordingExistsError, RecordingHeader, RecordingWriter
+from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, reported_flange_poses, viewpoints
 from cell.simulation.rendering.depth_camera import CameraModel, DepthCamera
 from cell.simulation.scenes.clutter import footprint

@@ -19,7 +19,7 @@ from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.errors import StoppedError
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 from cell.simulation.benchmark.tables import table
 from cell.simulation.ur_controller.admin_client import AdminClient
 from cell.simulation.ur_controller.launcher import start_controller

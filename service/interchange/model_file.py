@@ -10,7 +10,7 @@ from mcap.writer import MCAP0_MAGIC
 from pydantic import ValidationError
 
 from calibration.atomic_write import TooLargeError, read_limited
-from cell.recording.writer import read_result
+from cell.recording import read_result
 from recognition.model.document import ModelDocument
 from recognition.model.model import SCHEMA
 from service.interchange.errors import ExportError

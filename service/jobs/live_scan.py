@@ -12,7 +12,7 @@ from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
 from cell.control.scan_loop import missing_view
 from cell.devices import View
-from cell.recording.writer import RecordingEmptyError, RecordingError, RecordingWriter
+from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
 from service.jobs.inputs import recognition_inputs
 from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics

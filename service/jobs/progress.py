@@ -2,7 +2,7 @@
 
 from cell.control.calibration_run import BoardObservation
 from cell.control.scan_loop import missing_view
-from cell.recording.writer import RecordingWriter
+from cell.recording import RecordingWriter
 from service.metrics.scans import ScanMetrics
 from service.storage.calibration_store import CalibrationStore
 from service.storage.store import Store

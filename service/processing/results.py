@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.atomic_write import write_synced
 from cell.devices import View
-from cell.recording.writer import RecordingHeader, read_recording
+from cell.recording import RecordingHeader, read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters

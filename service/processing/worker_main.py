@@ -14,8 +14,8 @@ import numpy as np
 
 from cell.devices import View
 from cell.process.logging import LoggingSetup
+from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
-from cell.recording.writer import read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters

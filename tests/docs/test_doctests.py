@@ -8,7 +8,7 @@ import pytest
 
 from calibration.hand_eye import solve_hand_eye
 from cell.devices import View
-from cell.recording.writer import RecordingWriter
+from cell.recording import RecordingWriter
 from recognition.pipeline import recognise
 from service.client import Client
 

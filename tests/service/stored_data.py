@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 
 from calibration.atomic_write import write_synced
-from cell.recording.writer import RecordingWriter, read_recording
+from cell.recording import RecordingWriter, read_recording
 from service.integrity.check import CheckTarget, check_store
 from service.integrity.repair import repair
 from service.jobs.submission import NOBODY, new_calibration, new_scan

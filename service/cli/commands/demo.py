@@ -14,7 +14,7 @@ from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.errors import CellError
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import truth_path

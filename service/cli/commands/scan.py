@@ -17,8 +17,8 @@ from cell.control.cell import Cell
 from cell.control.scan_loop import missing_view
 from cell.errors import StoppedError
 from cell.planning.viewpoints import ViewpointPlan
+from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
-from cell.recording.writer import RecordingExistsError, RecordingWriter, read_recording
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
 from service.cli.robot_task import EndedEarlyError, run_with_cell

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.geometry.transforms import from_rotation_vector
 from cell.bag.import_bag import BagRequest, ImportedBag, import_bag
 from cell.devices import View
-from cell.recording.writer import Recording, read_recording
+from cell.recording import Recording, read_recording
 from tests.cell.bag.bags import START_NS, Kind, Moment, write_bag
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.bag.import_bag import BagRequest, import_bag
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 from tests.cell.bag.bags import (
     CAMERA,
     DEPTH,

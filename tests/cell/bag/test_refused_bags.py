@@ -10,7 +10,7 @@ import pytest
 
 from cell.bag.errors import BagError
 from cell.bag.import_bag import BagRequest, import_bag
-from cell.recording.writer import RecordingError, RecordingExistsError
+from cell.recording import RecordingError, RecordingExistsError
 from tests.cell.bag.bags import (
     CAMERA,
     DEPTH,

@@ -25,7 +25,7 @@ from cell.errors import (
     RobotUnreachableError,
     StoppedError,
 )
-from cell.recording.writer import RecordingWriter, read_recording
+from cell.recording import RecordingWriter, read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.ur_controller.admin_client import AdminClient

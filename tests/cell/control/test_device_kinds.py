@@ -19,8 +19,8 @@ from cell.control.cell import Cell
 from cell.control.equipment import ARM_KINDS, CAMERA_KINDS, CameraKind
 from cell.devices import CameraInfo
 from cell.errors import CalibrationError, CameraUnreachableError, MissingViewsError
+from cell.recording import RecordingWriter
 from cell.recording.reader import read_recording
-from cell.recording.writer import RecordingWriter
 from cell.self_test.self_test import check_cell
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.cell.control.file_camera import DEPTH_UNIT_M, KIND, FileCamera, FileDriver

@@ -18,7 +18,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from cell.recording.writer import (
+from cell.recording import (
     Limits,
     RecordingContentError,
     RecordingEmptyError,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
+from cell.recording import RecordingHeader, RecordingHeaderError
 from cell.recording.header import parse_header, to_hand_eye, to_metadata
-from cell.recording.writer import RecordingHeader, RecordingHeaderError
 
 HEADER = RecordingHeader(
     depth_unit_m=1e-4,

@@ -17,7 +17,7 @@ from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 
 from cell.devices import View
-from cell.recording.writer import (
+from cell.recording import (
     Limits,
     NotMcapError,
     RecordingCorruptError,
@@ -146,7 +146,7 @@ def lz4_bomb() -> bytes:
 MEASURE = """
 import json, resource, sys
 from pathlib import Path
-from cell.recording.writer import RecordingError, read_recording
+from cell.recording import RecordingError, read_recording
 
 read = {}
 for name in sys.argv[1:]:

@@ -20,8 +20,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording.limits import MIB
-from cell.recording.writer import (
+from cell.recording import (
     Limits,
     RecordingContentError,
     RecordingEmptyError,
@@ -33,6 +32,7 @@ from cell.recording.writer import (
     read_recording,
     read_result,
 )
+from cell.recording.limits import MIB
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
 HEADER = RecordingHeader(

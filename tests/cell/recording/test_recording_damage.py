@@ -17,7 +17,7 @@ from mcap.records import ChunkIndex
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording.writer import RecordingError, RecordingHeader, RecordingWriter, read_recording
+from cell.recording import RecordingError, RecordingHeader, RecordingWriter, read_recording
 
 ROOT = Path(__file__).parents[3]
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
@@ -73,7 +73,7 @@ from pathlib import Path
 import numpy as np
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording.writer import RecordingHeader, RecordingWriter
+from cell.recording import RecordingHeader, RecordingWriter
 
 T = np.array(json.loads(sys.argv[2]))
 writer = RecordingWriter(Path(sys.argv[1]), RecordingHeader(1e-4, 0.0042, T))

@@ -9,9 +9,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording.limits import DEFAULT_LIMITS
-from cell.recording.view_reader import read_poses, read_view
-from cell.recording.writer import (
+from cell.recording import (
     RecordingCorruptError,
     RecordingError,
     RecordingHeader,
@@ -19,6 +17,8 @@ from cell.recording.writer import (
     RecordingWriter,
     read_recording,
 )
+from cell.recording.limits import DEFAULT_LIMITS
+from cell.recording.view_reader import read_poses, read_view
 from tests.cell.recording.test_foreign_recording import Foreign, depth_of
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))

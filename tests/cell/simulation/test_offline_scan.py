@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cell.recording.writer import RecordingExistsError, read_recording
+from cell.recording import RecordingExistsError, read_recording
 from cell.simulation.offline_scan import SimulatedScan, ViewCountError, simulate, truth_path, write_simulation
 from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model

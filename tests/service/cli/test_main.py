@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cell.recording.writer import RecordingHeader, RecordingWriter, read_recording
+from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.app import openapi_document
 from service.cli.commands.demo import indented
 from service.cli.main import main

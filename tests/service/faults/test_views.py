@@ -16,9 +16,9 @@ import pytest
 from mcap_protobuf.writer import Writer
 
 from cell.devices import Frame
+from cell.recording import RecordingWriter, read_recording
 from cell.recording.header import RecordingHeader
 from cell.recording.messages import DEPTH, encode_view
-from cell.recording.writer import RecordingWriter, read_recording
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import rounds
 from tests.service.faults.moves import assert_one_way, now_in

@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from cell.recording.writer import RecordingWriter, read_recording, read_result
+from cell.recording import RecordingWriter, read_recording, read_result
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 from cell.simulation.offline_scan import SimulatedScan, simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene

@@ -10,7 +10,7 @@ import open3d as o3d
 import pytest
 from numpy.typing import NDArray
 
-from cell.recording.writer import Recording, read_recording
+from cell.recording import Recording, read_recording
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.pose_errors import NO_ERRORS

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import inverse, to_quaternion
-from cell.recording.writer import Recording, read_recording
+from cell.recording import Recording, read_recording
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from cell.recording import RecordingWriter
 from cell.recording.result_file import write_result_file
-from cell.recording.writer import RecordingWriter
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene

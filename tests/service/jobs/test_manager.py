@@ -18,8 +18,8 @@ import pytest
 from anyio import to_thread
 
 from cell.devices import View
+from cell.recording import RecordingWriter
 from cell.recording.header import RecordingHeader
-from cell.recording.writer import RecordingWriter
 from service.app import create_app
 from service.config.loader import ServiceConfig
 from service.config.sections import RetentionConfig

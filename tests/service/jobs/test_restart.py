@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from cell.recording.writer import read_recording
+from cell.recording import read_recording
 from service.storage.data_folder import DataFolder
 from service.storage.store import Store
 from tests.cell.loopback import free_host

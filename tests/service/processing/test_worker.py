@@ -15,8 +15,8 @@ import pytest
 
 from cell.devices import View
 from cell.errors import RobotLostError
+from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
-from cell.recording.writer import read_recording
 from recognition.grasping.gripper import Gripper
 from service.processing.preview import draw_preview
 from service.processing.results import recognise_recording

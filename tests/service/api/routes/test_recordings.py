@@ -11,7 +11,7 @@ import httpx
 import numpy as np
 import pytest
 
-from cell.recording.writer import RecordingHeader, RecordingWriter
+from cell.recording import RecordingHeader, RecordingWriter
 from service.api.dependencies import Context
 from service.api.routes.recordings import MAX_UPLOADS
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until

@@ -17,7 +17,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from cell.recording.writer import RecordingHeader, RecordingWriter, read_recording
+from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from recognition.model.document import ModelDocument
 from service.api.schemas.scans import GraspsDocument
 from tests.service.conftest import ServedClient, wait_until

@@ -9,7 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
-from cell.recording.writer import RecordingWriter, read_recording
+from cell.recording import RecordingWriter, read_recording
 from service.api.image_cache import MAX_IMAGES
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure

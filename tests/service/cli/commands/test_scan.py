@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cell.process.child import Child
-from cell.recording.writer import read_recording, read_result
+from cell.recording import read_recording, read_result
 from cell.simulation.ur_controller.admin_client import AdminClient
 from service.processing.results import recognise_recording
 from tests.cell.arm.pendant import Pendant
