@@ -13,7 +13,7 @@ from types import TracebackType
 from typing import Any, Self
 from uuid import uuid4
 
-import httpx
+import httpx2
 
 from recognition.model.model import Method, PointChainModel
 from service.api.schemas.scans import RecordingResource, ScanResource
@@ -66,10 +66,10 @@ class Client:
             token: Token from `pointchain token add`. None: the service needs no token.
         """
         headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        timeout = httpx.Timeout(ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
-        self._http = httpx.Client(base_url=address, headers=headers, timeout=timeout)
+        timeout = httpx2.Timeout(ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
+        self._http = httpx2.Client(base_url=address, headers=headers, timeout=timeout)
         # separate, so that a running request never holds the connection that a stop needs
-        self._stopping = httpx.Client(base_url=address, headers=headers, timeout=STOP_TIMEOUT_S)
+        self._stopping = httpx2.Client(base_url=address, headers=headers, timeout=STOP_TIMEOUT_S)
 
     def close(self) -> None:
         """Close the connections. A running scan continues."""
@@ -176,7 +176,7 @@ class Client:
             try:
                 answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
                 return ScanResource.model_validate(require_success(answer).json())
-            except (httpx.TransportError, GatewayError) as error:
+            except (httpx2.TransportError, GatewayError) as error:
                 if pending or not isinstance(error, NOT_SENT_ERRORS):
                     raise UnansweredError(wish, key, error) from error
                 text = f"{self._http.base_url} cannot be reached ({error}): nothing was started; try again later"
@@ -294,7 +294,7 @@ class Client:
         with recording.open("rb") as file:
             try:
                 answer = self._http.post("/api/recordings", params={"name": name}, content=file)
-            except httpx.TransportError as error:
+            except httpx2.TransportError as error:
                 raise UnreachableError(
                     f"{self._http.base_url} did not accept the recording ({error}): upload it again"
                 ) from error
@@ -322,7 +322,7 @@ class Client:
             try:
                 require_success(self._stopping.post("/api/cell/stop"))
                 return
-            except (httpx.TransportError, GatewayError) as error:
+            except (httpx2.TransportError, GatewayError) as error:
                 lost.append(error)
         sent = [error for error in lost if not isinstance(error, NOT_SENT_ERRORS)]
         if sent:
@@ -377,20 +377,20 @@ class Client:
         """
         self._post("/api/cell/acknowledge")
 
-    def _post(self, address: str) -> httpx.Response:
+    def _post(self, address: str) -> httpx2.Response:
         try:
             return require_success(self._http.post(address))
-        except httpx.TransportError as error:
+        except httpx2.TransportError as error:
             raise UnreachableError(
                 f"{self._http.base_url} did not answer POST {address} ({error}): check the cell, then try again"
             ) from error
 
-    def _get(self, address: str, parameters: Mapping[str, Any] | None = None) -> httpx.Response:
+    def _get(self, address: str, parameters: Mapping[str, Any] | None = None) -> httpx2.Response:
         """Read a resource. A second attempt covers a connection that the service has just closed."""
         for left in (1, 0):
             try:
                 return require_success(self._http.get(address, params=parameters))
-            except httpx.TransportError as error:
+            except httpx2.TransportError as error:
                 if not left:
                     raise UnreachableError(
                         f"{self._http.base_url} does not answer ({error}): try again later"

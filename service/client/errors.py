@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-import httpx
+import httpx2
 
 from service.api.schemas.problem import Problem
 from service.api.schemas.scans import ScanResource
 
-NOT_SENT_ERRORS = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout)
+NOT_SENT_ERRORS = (httpx2.ConnectError, httpx2.ConnectTimeout, httpx2.PoolTimeout)
 """Errors after which the service has not received the request. After any other transport error, it may have."""
 GATEWAY_STATUSES = frozenset({502, 503, 504})
 """Statuses of a proxy whose service is down or does not answer in time."""
@@ -77,7 +77,7 @@ class NotEndedError(ClientError, TimeoutError):
         self.scan_id = scan_id
 
 
-def require_success(answer: httpx.Response) -> httpx.Response:
+def require_success(answer: httpx2.Response) -> httpx2.Response:
     """Return the response if it is not an error.
 
     Raises:

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import httpx
-from httpx_sse import ServerSentEvent, connect_sse
+import httpx2
 
 from service.client.errors import ProblemError, require_success
 from service.client.retry import RETRYABLE_ERRORS, RetryPolicy
@@ -55,7 +54,7 @@ def progress_of(scan: Mapping[str, Any]) -> ScanProgress:
     return ScanProgress(scan["state"], progress["stage"], progress["fraction"], views, reasons)
 
 
-def follow(http: httpx.Client, address: str, retry: RetryPolicy) -> Iterator[ScanProgress]:
+def follow(http: httpx2.Client, address: str, retry: RetryPolicy) -> Iterator[ScanProgress]:
     """Yield each change of a scan until it has ended, across any number of lost connections.
 
     If the service allows no more event streams, the scan is polled.
@@ -97,7 +96,7 @@ def follow(http: httpx.Client, address: str, retry: RetryPolicy) -> Iterator[Sca
         retry.wait_or_raise(lost)
 
 
-def get_json(http: httpx.Client, address: str, retry: RetryPolicy) -> dict[str, Any]:
+def get_json(http: httpx2.Client, address: str, retry: RetryPolicy) -> dict[str, Any]:
     """Return the JSON document at `address`, as soon as the service answers.
 
     Raises:
@@ -115,16 +114,18 @@ def get_json(http: httpx.Client, address: str, retry: RetryPolicy) -> dict[str, 
             return found
 
 
-def _events(http: httpx.Client, address: str, last: str | None, retry: RetryPolicy) -> Iterator[ServerSentEvent]:
+def _events(
+    http: httpx2.Client, address: str, last: str | None, retry: RetryPolicy
+) -> Iterator[httpx2.ServerSentEvent]:
     headers = {} if last is None else {"Last-Event-ID": last}
-    with connect_sse(http, "GET", f"{address}/events", headers=headers, timeout=retry.timeout) as source:
+    with http.sse(f"{address}/events", headers=headers, timeout=retry.timeout) as source:
         require_success(source.response)
-        for event in source.iter_sse():
+        for event in source:
             retry.record_contact()
             yield event
 
 
-def _progress_after(progress: ScanProgress | None, event: ServerSentEvent) -> ScanProgress | None:
+def _progress_after(progress: ScanProgress | None, event: httpx2.ServerSentEvent) -> ScanProgress | None:
     """Return the progress after an event of the stream. An event without data changes nothing."""
     if not event.data:
         return progress

@@ -2,8 +2,7 @@
 
 import time
 
-import httpx
-from httpx_sse import SSEError
+import httpx2
 
 from service.client.errors import GatewayError, NotEndedError, ProblemError, UnreachableError
 
@@ -19,14 +18,17 @@ MIN_TIMEOUT_S = 0.05
 """Shortest timeout of a request, however near the deadline is."""
 TEMPORARY_PROBLEMS = frozenset({"not-ready", "busy"})
 """Problems of a service that is starting or stopping, or whose database another program holds."""
-RETRYABLE_ERRORS = (httpx.TransportError, SSEError, GatewayError, ProblemError)
-"""Errors that may be temporary. `RetryPolicy.wait_or_raise` decides."""
+RETRYABLE_ERRORS = (httpx2.TransportError, GatewayError, ProblemError)
+"""Errors that may be temporary. `RetryPolicy.wait_or_raise` decides.
+
+An answer that is not a stream of events is a `TransportError` too.
+"""
 
 
 class RetryPolicy:
     """Timeouts and pauses of waiting for a scan, across lost connections and a restart of the service."""
 
-    def __init__(self, http: httpx.Client, address: str, deadline: float | None) -> None:
+    def __init__(self, http: httpx2.Client, address: str, deadline: float | None) -> None:
         """Create the policy.
 
         Args:
@@ -44,14 +46,14 @@ class RetryPolicy:
         self._last_contact = time.monotonic()
 
     @property
-    def timeout(self) -> httpx.Timeout:
+    def timeout(self) -> httpx2.Timeout:
         """Timeout of one request, limited by the deadline."""
         left_s = (
             READ_TIMEOUT_S
             if self._deadline is None
             else min(READ_TIMEOUT_S, max(MIN_TIMEOUT_S, self._deadline - time.monotonic()))
         )
-        return httpx.Timeout(left_s, connect=min(left_s, CONNECT_TIMEOUT_S))
+        return httpx2.Timeout(left_s, connect=min(left_s, CONNECT_TIMEOUT_S))
 
     def raise_if_expired(self) -> None:
         """Raise NotEndedError if the deadline has passed."""

@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from fastapi import FastAPI
 
@@ -29,7 +29,7 @@ from tests.service.faults.figures import Figures
 PATIENCE_S = 120.0
 
 
-class ServedClient(httpx.Client):
+class ServedClient(httpx2.Client):
     """A client, and the application that it speaks to: for what no client can bring about."""
 
     def __init__(self, app: FastAPI, port: int) -> None:
@@ -46,7 +46,7 @@ class ServedClient(httpx.Client):
         return process.pid
 
 
-def check_problem(answer: httpx.Response) -> None:
+def check_problem(answer: httpx2.Response) -> None:
     """A refusal by a described operation is one of the problems that the operation declares."""
     if answer.status_code >= 400 and described_operation(answer.request.method, answer.request.url.path):
         answer.read()
@@ -100,7 +100,7 @@ def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 
 
 @pytest.fixture
-def recording(client: httpx.Client, recording_file: Path) -> str:
+def recording(client: httpx2.Client, recording_file: Path) -> str:
     """The id of an uploaded recording."""
     answer = client.post("/api/recordings", content=recording_file.read_bytes())
     assert answer.status_code == 201, answer.text
@@ -108,10 +108,10 @@ def recording(client: httpx.Client, recording_file: Path) -> str:
 
 
 @pytest.fixture(scope="session")
-def assert_problem() -> Callable[[httpx.Response, int, str], str]:
+def assert_problem() -> Callable[[httpx2.Response, int, str], str]:
     """`assert_problem(answer, status, slug)`: the answer is this problem, in full; its detail."""
 
-    def check(answer: httpx.Response, status: int, slug: str) -> str:
+    def check(answer: httpx2.Response, status: int, slug: str) -> str:
         assert answer.status_code == status, answer.text
         assert answer.headers["content-type"] == "application/problem+json"
         problem = answer.json()
@@ -125,10 +125,10 @@ def assert_problem() -> Callable[[httpx.Response, int, str], str]:
 
 
 @pytest.fixture(scope="session")
-def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
+def finished() -> Callable[[httpx2.Client, str], dict[str, Any]]:
     """`finished(client, location)`: the scan's document once its state is final."""
 
-    def wait(client: httpx.Client, location: str) -> dict[str, Any]:
+    def wait(client: httpx2.Client, location: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
 
         def ended() -> bool:
@@ -143,7 +143,7 @@ def finished() -> Callable[[httpx.Client, str], dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def scan(
-    client: ServedClient, recording_file: Path, finished: Callable[[httpx.Client, str], dict[str, Any]]
+    client: ServedClient, recording_file: Path, finished: Callable[[httpx2.Client, str], dict[str, Any]]
 ) -> dict[str, Any]:
     """A scan that has succeeded."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]

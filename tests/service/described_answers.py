@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 from starlette.routing import compile_path
 
 import service
@@ -19,7 +19,7 @@ OPERATIONS = [
 ]
 
 
-def check_described(answer: httpx.Response) -> None:
+def check_described(answer: httpx2.Response) -> None:
     """Its status and content are described, and a refusal is a problem of a type that we know."""
     request = f"{answer.request.method} {answer.request.url.path} gave {answer.status_code}"
     described = _operation(answer.request)["responses"]
@@ -35,7 +35,7 @@ def check_described(answer: httpx.Response) -> None:
         check_declared(answer)
 
 
-def check_declared(answer: httpx.Response) -> None:
+def check_declared(answer: httpx2.Response) -> None:
     """A refusal has a problem type that the operation declares for its status."""
     described = _operation(answer.request)["responses"]
     declared = described.get(str(answer.status_code)) or described["default"]
@@ -51,14 +51,14 @@ def check_declared(answer: httpx.Response) -> None:
             assert value in problem["detail"], f"{request}: the detail does not contain the {parameter} {value}"
 
 
-def slug(answer: httpx.Response) -> str | None:
+def slug(answer: httpx2.Response) -> str | None:
     """Of the problem; None: the answer is none."""
     if answer.status_code < 400:
         return None
     return answer.json()["type"].removeprefix("urn:pointchain:")
 
 
-def _operation(request: httpx.Request) -> dict[str, Any]:
+def _operation(request: httpx2.Request) -> dict[str, Any]:
     operation = described_operation(request.method, request.url.path)
     assert operation is not None, f"{request.method} {request.url.path} is not described"
     return operation

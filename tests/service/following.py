@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-import httpx
-from httpx_sse import connect_sse
+import httpx2
 
 
 @dataclass(frozen=True)
@@ -20,16 +19,16 @@ class Told:
 
 
 @contextmanager
-def following(client: httpx.Client, path: str, last: int | str | None = None) -> Iterator[Iterator[Told]]:
+def following(client: httpx2.Client, path: str, last: int | str | None = None) -> Iterator[Iterator[Told]]:
     """The events of a stream as they come; behind the event `last`, if given."""
     headers = {} if last is None else {"Last-Event-ID": str(last)}
-    with connect_sse(client, "GET", path, headers=headers) as source:
+    with client.sse(path, headers=headers) as source:
         assert source.response.status_code == 200, source.response.read()
         # `retry` alone is no event.
-        yield (Told(one.event, one.id, json.loads(one.data)) for one in source.iter_sse() if one.data)
+        yield (Told(one.event, one.id, json.loads(one.data)) for one in source if one.data)
 
 
-def told(client: httpx.Client, path: str, last: int | str | None = None) -> list[Told]:
+def told(client: httpx2.Client, path: str, last: int | str | None = None) -> list[Told]:
     """All events of a stream that ends."""
     with following(client, path, last) as events:
         return list(events)

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+import httpx2
 
 ROOT = Path(__file__).resolve().parents[2]
 SERVE = "import sys; from service.cli.main import main; sys.exit(main(['serve', '--unsupervised']))"
 
 
 @contextmanager
-def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx.Client]]:
+def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx2.Client]]:
     """A service in a process of its own."""
     environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"} | variables
     with log.open("wb") as output:
@@ -27,16 +27,16 @@ def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subpr
         while not (address := re.search(r"pointchain: (http://\S+) \(API", log.read_text())):
             assert running.poll() is None, log.read_text()
             time.sleep(0.02)
-        with httpx.Client(base_url=address[1], timeout=60) as client:
+        with httpx2.Client(base_url=address[1], timeout=60) as client:
             yield running, client
     finally:
         running.kill()
         running.wait()
 
 
-def answers(client: httpx.Client) -> bool:
+def answers(client: httpx2.Client) -> bool:
     """Whether the service does: its port may be there before it is."""
     try:
         return client.get("/api/scans?limit=1").status_code == 200
-    except httpx.TransportError:
+    except httpx2.TransportError:
         return False

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import cv2
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -19,8 +19,8 @@ from service.storage.database import new_id
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 FAILURE = Failure("internal", "")

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 import service
@@ -61,7 +61,7 @@ def test_every_operation_describes_its_success_and_its_problems(
     assert schema, f"{method} {path} has no schema for its answer"
 
 
-def test_the_page_of_the_api_needs_no_other_host(client: httpx.Client) -> None:
+def test_the_page_of_the_api_needs_no_other_host(client: httpx2.Client) -> None:
     page = client.get("/docs").text
     assert not re.findall(r"""(?:src|href)\s*=\s*["'](?:https?:)?//""", page)
     assets = [a for a in re.findall(r"""(?:src|href)\s*=\s*["']([^"']+)["']""", page) if not a.startswith("data:")]

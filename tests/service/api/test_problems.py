@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from cell.control.cell import Cell
 from cell.errors import TooEarlyError
 from service.storage.store import Store
 
-Serve = Callable[..., AbstractContextManager[httpx.Client]]
-AssertProblem = Callable[[httpx.Response, int, str], str]
+Serve = Callable[..., AbstractContextManager[httpx2.Client]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def own(serve: Serve, data: Path) -> Iterator[httpx.Client]:
+def own(serve: Serve, data: Path) -> Iterator[httpx2.Client]:
     # a held database fails at once
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("service.storage.database.BUSY_S", 0.0)
@@ -40,7 +40,7 @@ def failing(error: Exception) -> Callable[..., None]:
 
 
 def test_a_full_disk_is_reported_and_leaves_no_file(
-    own: httpx.Client,
+    own: httpx2.Client,
     data: Path,
     recording_file: Path,
     assert_problem: AssertProblem,
@@ -57,7 +57,7 @@ def test_a_full_disk_is_reported_and_leaves_no_file(
 
 
 def test_a_database_that_another_program_holds_is_busy(
-    own: httpx.Client,
+    own: httpx2.Client,
     data: Path,
     recording_file: Path,
     assert_problem: AssertProblem,
@@ -77,7 +77,7 @@ def test_a_database_that_another_program_holds_is_busy(
 
 
 def test_a_too_early_request_has_a_retry_after(
-    own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+    own: httpx2.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Cell, "acknowledge", failing(TooEarlyError("try again in 3.2 s", 3.2)))
     answer = own.post("/api/cell/acknowledge")
@@ -86,7 +86,7 @@ def test_a_too_early_request_has_a_retry_after(
 
 
 def test_an_unexpected_error_is_logged_and_not_sent(
-    own: httpx.Client,
+    own: httpx2.Client,
     assert_problem: AssertProblem,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
@@ -100,7 +100,7 @@ def test_an_unexpected_error_is_logged_and_not_sent(
 
 
 def test_a_service_that_cannot_run_a_scan_is_not_ready(
-    own: httpx.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+    own: httpx2.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.manager.Jobs.not_ready", "recognition did not start: no libGL")
     assert "libGL" in assert_problem(own.get("/readyz"), 503, "not-ready")

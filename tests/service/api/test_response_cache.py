@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from starlette.responses import Response
 
@@ -22,7 +22,7 @@ SHARED_THREADS = 40
 
 
 def test_cached_routes_answer_while_all_shared_threads_are_blocked(
-    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    client: httpx2.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held, go_on = threading.Semaphore(0), threading.Event()
 
@@ -45,7 +45,7 @@ def test_cached_routes_answer_while_all_shared_threads_are_blocked(
     assert {one.result().status_code for one in waiting} == {200}
 
 
-def test_errors_of_cached_routes_are_problem_documents(client: httpx.Client) -> None:
+def test_errors_of_cached_routes_are_problem_documents(client: httpx2.Client) -> None:
     answer = client.get("/api/scans/none")
     assert (answer.status_code, answer.json()["type"]) == (404, "urn:pointchain:scan-not-found")
     assert client.get("/api/scans/none/model").status_code == 404

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 
-import httpx
+import httpx2
 import pytest
 
 from service.api import server_sent_events
@@ -26,7 +26,7 @@ STALLED_S = 1.0
 # together more than the system buffers for a connection, which is some MB on each side
 PIECES, PIECE = 130, "x" * 250_000
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def scan(service: Context) -> str:
 
 
 @contextmanager
-def stalled_client(client: httpx.Client, path: str) -> Iterator[socket.socket]:
+def stalled_client(client: httpx2.Client, path: str) -> Iterator[socket.socket]:
     """Connect a client that reads only the beginning of its stream."""
     host, port = client.base_url.host, client.base_url.port
     with socket.create_connection((host, port or 80)) as connection:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 
-import httpx
+import httpx2
 import pytest
 
 from service.jobs.manager import Jobs
@@ -33,7 +33,7 @@ def blocked_stops(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Semapho
 
 
 def test_other_requests_wait_for_a_stop_and_other_stops_do_not(
-    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    client: httpx2.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.api.stop_priority.MAX_WAIT_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool:
@@ -47,7 +47,7 @@ def test_other_requests_wait_for_a_stop_and_other_stops_do_not(
         assert [answer.result(PATIENCE_S).status_code for answer in (*stops, *others)] == [200] * 5
 
 
-def test_a_long_stop_does_not_block_other_requests(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_stop_does_not_block_other_requests(client: httpx2.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     with ThreadPoolExecutor() as pool, blocked_stops(monkeypatch) as arrived:
         stop = pool.submit(client.post, "/api/cell/stop")
         assert arrived.acquire(timeout=PATIENCE_S)
@@ -55,7 +55,7 @@ def test_a_long_stop_does_not_block_other_requests(client: httpx.Client, monkeyp
         assert not stop.done()
 
 
-def test_no_request_waits_after_a_failed_stop(client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_request_waits_after_a_failed_stop(client: httpx2.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise ZeroDivisionError
 

@@ -4,12 +4,12 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import httpx
+import httpx2
 
 from service.client import Client
 from service.problems.document import MEDIA_TYPE, problem_document
 
-Answer = Callable[[httpx.Request], httpx.Response]
+Answer = Callable[[httpx2.Request], httpx2.Response]
 
 SERVICE = "http://cell"
 SCAN = "/api/scans/20260101t000000-000000-00000000"
@@ -21,39 +21,39 @@ def event_answer(*contents: tuple[str, Mapping[str, Any]], between: str = "") ->
         f"{between}event: {name}\nid: {number}\ndata: {json.dumps(data)}\n\n"
         for number, (name, data) in enumerate(contents, 1)
     ]
-    return lambda _: httpx.Response(200, text="".join(lines), headers={"Content-Type": "text/event-stream"})
+    return lambda _: httpx2.Response(200, text="".join(lines), headers={"Content-Type": "text/event-stream"})
 
 
 def problem_answer(status: int, slug: str, **headers: str) -> Answer:
     document = problem_document(slug, "for now", SCAN, status=status)
-    return lambda _: httpx.Response(status, json=document, headers={"Content-Type": MEDIA_TYPE} | headers)
+    return lambda _: httpx2.Response(status, json=document, headers={"Content-Type": MEDIA_TYPE} | headers)
 
 
 def json_answer(resource: Any, status: int = 200) -> Answer:
-    return lambda _: httpx.Response(status, json=resource)
+    return lambda _: httpx2.Response(status, json=resource)
 
 
 def proxy_answer(status: int) -> Answer:
     """Return the answer of a proxy that does not reach the service."""
-    return lambda _: httpx.Response(status, html="<h1>Bad Gateway</h1>")
+    return lambda _: httpx2.Response(status, html="<h1>Bad Gateway</h1>")
 
 
-def no_answer(kind: type[httpx.TransportError] = httpx.ConnectError) -> Answer:
-    def answer(request: httpx.Request) -> httpx.Response:
+def no_answer(kind: type[httpx2.TransportError] = httpx2.ConnectError) -> Answer:
+    def answer(request: httpx2.Request) -> httpx2.Response:
         raise kind("no answer", request=request)
 
     return answer
 
 
-class ScriptedTransport(httpx.MockTransport):
+class ScriptedTransport(httpx2.MockTransport):
     """Transport that gives the answers in order, and repeats the last one."""
 
     def __init__(self, *answers: Answer) -> None:
         super().__init__(self._answer)
         self._answers = answers
-        self.requests: list[httpx.Request] = []
+        self.requests: list[httpx2.Request] = []
 
-    def _answer(self, request: httpx.Request) -> httpx.Response:
+    def _answer(self, request: httpx2.Request) -> httpx2.Response:
         self.requests.append(request)
         return self._answers[min(len(self.requests), len(self._answers)) - 1](request)
 
@@ -62,6 +62,6 @@ def planner_for(answers: ScriptedTransport) -> Client:
     """Return a client of a service that gives these answers."""
     planner = Client(SERVICE)
     planner.close()
-    planner._http = httpx.Client(base_url=SERVICE, transport=answers)
-    planner._stopping = httpx.Client(base_url=SERVICE, transport=answers)
+    planner._http = httpx2.Client(base_url=SERVICE, transport=answers)
+    planner._stopping = httpx2.Client(base_url=SERVICE, transport=answers)
     return planner

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -17,7 +17,7 @@ from tests.service.conftest import PATIENCE_S, Serve, wait_until
 
 
 @pytest.fixture
-def planner(client: httpx.Client) -> Iterator[Client]:
+def planner(client: httpx2.Client) -> Iterator[Client]:
     with Client(str(client.base_url)) as planner:
         yield planner
 
@@ -101,7 +101,7 @@ def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
             planner.upload(recording_file)
 
 
-def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: httpx.Client, recording: str) -> None:
+def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: httpx2.Client, recording: str) -> None:
     with (
         cutting_proxy(client.base_url.port or 80, after_bytes=0) as port,
         Client(f"http://127.0.0.1:{port}") as behind,
@@ -114,7 +114,7 @@ def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: 
     assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
 
 
-def test_wait_survives_lost_connections(client: httpx.Client, recording: str, held: int) -> None:
+def test_wait_survives_lost_connections(client: httpx2.Client, recording: str, held: int) -> None:
     """Each connection breaks after some bytes; no change of the state is missed."""
     with (
         cutting_proxy(client.base_url.port or 80, after_bytes=3000) as port,
@@ -179,7 +179,7 @@ def cutting_proxy(port: int, after_bytes: int) -> Iterator[int]:
             thread.join()
 
 
-def test_stop_is_repeated_after_the_connection_was_closed(client: httpx.Client) -> None:
+def test_stop_is_repeated_after_the_connection_was_closed(client: httpx2.Client) -> None:
     with Client(str(client.base_url)) as planner:
         planner.stop()
         assert planner.cell()["state"] == "not_ready"

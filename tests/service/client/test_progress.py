@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.client import ProblemError, ScanProgress, UnreachableError, retry
@@ -34,7 +34,7 @@ ENDED_STREAM = event_answer(("scan", ENDED))
 def follow_answers(*answers: Answer, timeout_s: float | None = None) -> tuple[list[ScanProgress], int]:
     """Follow a scan through these answers. Return the progress, and the number of requests."""
     service = ScriptedTransport(*answers)
-    with httpx.Client(base_url=SERVICE, transport=service) as http:
+    with httpx2.Client(base_url=SERVICE, transport=service) as http:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         return list(follow(http, SCAN, RetryPolicy(http, SCAN, deadline))), len(service.requests)
 
@@ -48,7 +48,7 @@ def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     "failure",
     [
         no_answer(),
-        no_answer(httpx.ReadTimeout),
+        no_answer(httpx2.ReadTimeout),
         problem_answer(503, "not-ready"),
         problem_answer(503, "busy"),
         *map(proxy_answer, (502, 503, 504)),

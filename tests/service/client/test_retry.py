@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.api.schemas.scan_resource import scan_resource
@@ -51,7 +51,7 @@ def no_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     "failure",
-    [no_answer(), no_answer(httpx.ReadError), problem_answer(503, "not-ready"), proxy_answer(502), proxy_answer(504)],
+    [no_answer(), no_answer(httpx2.ReadError), problem_answer(503, "not-ready"), proxy_answer(502), proxy_answer(504)],
 )
 def test_wait_survives_a_restart_that_interrupts_the_scan(failure: Answer) -> None:
     """A stopping service reports `interrupted`, and then its port is closed for a while."""
@@ -118,7 +118,7 @@ def test_start_waits_while_its_key_is_pending(monkeypatch: pytest.MonkeyPatch) -
     assert (undecided.value.wish, undecided.value.key) == ({"mode": "live"}, "the same")
 
 
-@pytest.mark.parametrize("failure", [no_answer(httpx.ReadTimeout), proxy_answer(502), proxy_answer(504)])
+@pytest.mark.parametrize("failure", [no_answer(httpx2.ReadTimeout), proxy_answer(502), proxy_answer(504)])
 def test_a_request_that_may_have_arrived_raises_unanswered(failure: Answer) -> None:
     service = ScriptedTransport(failure, json_answer(ACCEPTED, 202))
     with planner_for(service) as planner, pytest.raises(UnansweredError, match="may have been started"):
@@ -126,7 +126,7 @@ def test_a_request_that_may_have_arrived_raises_unanswered(failure: Answer) -> N
     assert len(service.requests) == 1, "a motion must not be requested twice"
 
 
-@pytest.mark.parametrize("failure", [no_answer(httpx.ConnectError), no_answer(httpx.ConnectTimeout)])
+@pytest.mark.parametrize("failure", [no_answer(httpx2.ConnectError), no_answer(httpx2.ConnectTimeout)])
 def test_a_request_that_was_not_sent_has_started_nothing(failure: Answer) -> None:
     with (
         planner_for(ScriptedTransport(failure)) as planner,
@@ -137,7 +137,7 @@ def test_a_request_that_was_not_sent_has_started_nothing(failure: Answer) -> Non
 
 
 @pytest.mark.parametrize(
-    "failure", [no_answer(), no_answer(httpx.ReadTimeout), proxy_answer(502), proxy_answer(503), proxy_answer(504)]
+    "failure", [no_answer(), no_answer(httpx2.ReadTimeout), proxy_answer(502), proxy_answer(503), proxy_answer(504)]
 )
 def test_a_stop_is_repeated(failure: Answer) -> None:
     service = ScriptedTransport(failure, failure, json_answer({}))
@@ -146,7 +146,7 @@ def test_a_stop_is_repeated(failure: Answer) -> None:
     assert len(service.requests) == client.MAX_STOP_ATTEMPTS == 3
 
 
-@pytest.mark.parametrize("failure", [no_answer(httpx.ConnectError), no_answer(httpx.ConnectTimeout)])
+@pytest.mark.parametrize("failure", [no_answer(httpx2.ConnectError), no_answer(httpx2.ConnectTimeout)])
 def test_a_stop_that_cannot_be_sent_is_reported(failure: Answer) -> None:
     service = ScriptedTransport(failure)
     with planner_for(service) as planner, pytest.raises(UnreachableError, match="the stop was not sent") as error:
@@ -156,7 +156,7 @@ def test_a_stop_that_cannot_be_sent_is_reported(failure: Answer) -> None:
 
 
 @pytest.mark.parametrize(
-    "tries", [[no_answer(httpx.ReadTimeout)], [no_answer(httpx.ReadError), no_answer()], [proxy_answer(504)]]
+    "tries", [[no_answer(httpx2.ReadTimeout)], [no_answer(httpx2.ReadError), no_answer()], [proxy_answer(504)]]
 )
 def test_a_stop_that_is_not_confirmed_is_reported(tries: list[Answer]) -> None:
     service = ScriptedTransport(*tries)

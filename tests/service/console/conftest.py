@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-import httpx
+import httpx2
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
@@ -93,7 +93,7 @@ def open_console(chromium: Browser) -> Iterator[Open]:
     opened: list[Opened] = []
 
     def open_page(
-        client: httpx.Client,
+        client: httpx2.Client,
         at: str = "",
         token: str | None = None,
         scheme: Literal["light", "dark"] = "light",

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from playwright.sync_api import expect
 
@@ -49,7 +49,7 @@ def test_the_files_are_the_services_own_and_asked_for_again(client: ServedClient
 
 
 def test_nothing_but_what_is_built_can_be_had(
-    client: ServedClient, assert_problem: Callable[[httpx.Response, int, str], str]
+    client: ServedClient, assert_problem: Callable[[httpx2.Response, int, str], str]
 ) -> None:
     for path in ("/console/none.js", "/console/../web/package.json", "/console/%2e%2e/__init__.py", "/console/"):
         assert_problem(client.get(path), 404, "not-found")
@@ -59,7 +59,7 @@ def test_where_nothing_is_built_the_rest_works(
     serve: Serve,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    assert_problem: Callable[[httpx.Response, int, str], str],
+    assert_problem: Callable[[httpx2.Response, int, str], str],
 ) -> None:
     monkeypatch.setattr(console.FILES, "all_directories", [tmp_path / "none"])
     with without_recognition(serve, tmp_path) as client:

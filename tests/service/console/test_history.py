@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from playwright.sync_api import expect
 
@@ -18,7 +18,7 @@ from tests.service.console.conftest import Open
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture(scope="module")

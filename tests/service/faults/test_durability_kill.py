@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.integrity.check import check_store, is_service_running
@@ -72,23 +72,23 @@ class Clients:
         for error in self._errors:
             raise error
 
-    def _until_gone(self, part: Callable[[httpx.Client, random.Random], None], seed: float) -> None:
+    def _until_gone(self, part: Callable[[httpx2.Client, random.Random], None], seed: float) -> None:
         chance = random.Random(seed)
         try:
-            with httpx.Client(base_url=f"http://127.0.0.1:{self._life.port}", timeout=30) as client:
+            with httpx2.Client(base_url=f"http://127.0.0.1:{self._life.port}", timeout=30) as client:
                 while not self._gone.is_set():
                     part(client, chance)
-        except httpx.TransportError:
+        except httpx2.TransportError:
             pass  # it was killed
         except BaseException as error:  # noqa: BLE001 (told by `join`)
             self._errors.append(error)
 
-    def _upload(self, client: httpx.Client, chance: random.Random) -> None:
+    def _upload(self, client: httpx2.Client, chance: random.Random) -> None:
         answer = client.post("/api/recordings", content=self._content)
         assert answer.status_code == 201, answer.text
         self._told.recordings[answer.json()["id"]] = answer.json()
 
-    def _replay(self, client: httpx.Client, chance: random.Random) -> None:
+    def _replay(self, client: httpx2.Client, chance: random.Random) -> None:
         if not self._told.recordings:
             time.sleep(0.01)
             return
@@ -110,7 +110,7 @@ class Clients:
         self._told.scans[scan["id"]] = scan
         assert scan["state"] == "succeeded", scan
 
-    def _mark(self, client: httpx.Client, chance: random.Random) -> None:
+    def _mark(self, client: httpx2.Client, chance: random.Random) -> None:
         time.sleep(0.02)
         ended = [name for name, scan in list(self._told.scans.items()) if scan["state"] not in ACTIVE_STATES]
         if ended and len(self._told.kept) < 10:
@@ -118,14 +118,14 @@ class Clients:
             if client.put(f"/api/scans/{name}/keep", json={"kept": True}).status_code == 200:
                 self._told.kept.add(name)
 
-    def _list(self, client: httpx.Client, chance: random.Random) -> None:
+    def _list(self, client: httpx2.Client, chance: random.Random) -> None:
         time.sleep(0.02)
         for kind in ("scans", "recordings"):
             listed = [one["id"] for one in client.get(f"/api/{kind}?limit=50").json()[kind]]
             assert listed == sorted(listed, reverse=True)
 
 
-def assert_there(client: httpx.Client, told: Acknowledged, retention: bool) -> None:
+def assert_there(client: httpx2.Client, told: Acknowledged, retention: bool) -> None:
     """All that was acknowledged; with `retention`, what was not marked may have been removed whole."""
 
     def get(kind: str, name: str, needed: bool) -> Document | None:
@@ -175,7 +175,7 @@ def test_what_was_acknowledged_outlives_any_kill(
             for number in folder:
                 moving = live_every > 0 and number % live_every == live_every - 1
                 life = services.start(data, retention=retention, host=free_host() if moving else "-")
-                with httpx.Client(base_url=f"http://127.0.0.1:{life.port}", timeout=60) as client:
+                with httpx2.Client(base_url=f"http://127.0.0.1:{life.port}", timeout=60) as client:
                     wait_until(lambda client=client: answers(client))
                     assert_there(client, told, retention)
                     scan = begin_live(client, told) if moving else None
@@ -189,13 +189,13 @@ def test_what_was_acknowledged_outlives_any_kill(
             assert told.scans
             assert repair(check_target_of(data), lambda _: None).findings == ()
             life = services.start(data, retention=retention)
-            with httpx.Client(base_url=f"http://127.0.0.1:{life.port}", timeout=60) as client:
+            with httpx2.Client(base_url=f"http://127.0.0.1:{life.port}", timeout=60) as client:
                 wait_until(lambda client=client: answers(client))
                 assert_there(client, told, retention)
             os.kill(life.pid, signal.SIGKILL)
 
 
-def begin_live(client: httpx.Client, told: Acknowledged) -> str:
+def begin_live(client: httpx2.Client, told: Acknowledged) -> str:
     answer = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042, "views": 4})
     assert answer.status_code == 202, answer.text
     told.scans[answer.json()["id"]] = answer.json()

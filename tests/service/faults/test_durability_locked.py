@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.integrity.check import check_store
@@ -19,8 +19,8 @@ from tests.service.stored_data import check_target_of
 
 pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
 
-Problem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Make = Callable[[], PretendedRecognition]
 
 ANSWER_S = 5.5

@@ -11,7 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from service.integrity.check import check_store
@@ -36,7 +36,7 @@ UPLOAD_BYTES = 4 * MIB
 class Served:
     """A service in a process of its own, and what lies around its data folder."""
 
-    client: httpx.Client
+    client: httpx2.Client
     pid: int
     around: Path
 

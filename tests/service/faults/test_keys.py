@@ -3,19 +3,19 @@
 from collections.abc import Callable
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.service.faults.figures import rounds
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.mark.fault(2, 3)
 @rounds(20, 1000)
 def test_one_key_makes_one_scan(
-    *, client: httpx.Client, recording: str, finished: Finished, assert_problem: Problem, count: int
+    *, client: httpx2.Client, recording: str, finished: Finished, assert_problem: Problem, count: int
 ) -> None:
     key, wish = {"Idempotency-Key": f"{recording} again"}, {"mode": "replay", "recording": recording}
     scan = client.post("/api/scans", json=wish, headers=key).json()

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.benchmark.load_generator import Load, LoadRequest, run_load
@@ -21,7 +21,7 @@ from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 FOLLOWERS = 200
 """So many clients want to follow events, and every other one that may never reads."""

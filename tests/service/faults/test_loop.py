@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.api.schemas.health import Health
@@ -17,7 +17,7 @@ from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 STOPPED_S = 2.0
 """So soon after the loop began to hang, the arm is at rest."""

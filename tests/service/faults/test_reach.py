@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.service.conftest import Serve
@@ -14,8 +14,8 @@ from tests.service.live_cell import SCAN, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 FAR_M = (0.55, 0.85)
 """A workspace round whose far side the arm does not get."""

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.cell.arm.virtual_arm import dashboard_commands, kinds, motion_commands, stops
@@ -15,8 +15,8 @@ from tests.service.live_cell import SCAN, LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 LOST_S = 0.5
 """So soon a lost robot is noticed, and its program ended."""

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.jobs.manager import GRACE_S
@@ -24,7 +24,7 @@ from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 WIRE_S = 0.05
 """So soon after the request the controller has been told: 99 of 100 times."""

@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cell.control import cell as cell_module
@@ -24,7 +24,7 @@ from tests.service.live_cell import SCAN, LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 STOPPED = "urn:pointchain:stopped"
 
@@ -59,7 +59,7 @@ class Gate:
 @contextmanager
 def one_being_planned_and_one_waiting(
     cell: LiveCell, monkeypatch: pytest.MonkeyPatch, **named: Any
-) -> Iterator[tuple[Future[httpx.Response], Future[httpx.Response]]]:
+) -> Iterator[tuple[Future[httpx2.Response], Future[httpx2.Response]]]:
     """Two live scans are asked for, the first with what `named` says; both are decided on behind the body."""
     monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
@@ -75,11 +75,11 @@ def one_being_planned_and_one_waiting(
             planning.go_on.set()
 
 
-def again(cell: LiveCell, key: str) -> httpx.Response:
+def again(cell: LiveCell, key: str) -> httpx2.Response:
     return cell.client.post("/api/scans", json=SCAN | {"views": 2}, headers={"Idempotency-Key": key})
 
 
-def assert_refused(answer: httpx.Response) -> None:
+def assert_refused(answer: httpx2.Response) -> None:
     assert (answer.status_code, answer.json()["type"]) == (409, STOPPED), answer.text
 
 

@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cell.simulation.ur_controller.admin_client import AdminClient
@@ -17,7 +17,7 @@ from tests.service.conftest import wait_until
 from tests.service.faults.figures import Figures, rounds
 from tests.service.service_process import process
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 WATCHDOG_HZ = 2.5
 TIME_FACTOR = 0.5

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from mcap_protobuf.writer import Writer
@@ -26,8 +26,8 @@ from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def views(scan: dict[str, Any], state: str) -> list[dict[str, Any]]:
     return [view for view in scan["progress"]["views"] if view["state"] == state]
 
 
-def strict(client: httpx.Client, path: str) -> Any:
+def strict(client: httpx2.Client, path: str) -> Any:
     """A document without NaN and infinity, which are no JSON."""
 
     def refused(constant: str) -> None:

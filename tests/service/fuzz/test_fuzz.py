@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cell.config.arm_config import SimulatedArm, URArm
@@ -98,7 +98,7 @@ def run(command: list[str], recording_file: Path, phases: str, seed: int | None)
     return ended.returncode == 0, 0 if found is None else int(found[1])
 
 
-def give_it_a_result(client: httpx.Client, recording_file: Path, finished: Callable[..., Any]) -> None:
+def give_it_a_result(client: httpx2.Client, recording_file: Path, finished: Callable[..., Any]) -> None:
     """The service has a scan of a recording, with a model."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.storage.store import Store
@@ -17,8 +17,8 @@ from tests.service.live_cell import SCAN, LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture(scope="module")

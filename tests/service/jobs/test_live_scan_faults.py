@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
@@ -18,8 +18,8 @@ from tests.service.live_cell import SCAN, LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Problem = Callable[[httpx.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 RECOGNITION_S = 10.0
 """As a limit. A good scan takes a fraction of it, on a busy machine too."""

@@ -12,7 +12,7 @@ from typing import Any
 from unittest.mock import patch
 
 import anyio
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from anyio import to_thread
@@ -33,8 +33,8 @@ from service.storage.rows import ScanRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient, wait_until
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 ANSWER_S = 15.0
 """Only bounds a hang: a service that waits for what never comes does not answer at all."""
@@ -69,7 +69,7 @@ def all_threads_taken(client: ServedClient) -> Iterator[None]:
             let_go.set()
 
 
-def start(client: httpx.Client, recording_file: Path) -> str:
+def start(client: httpx2.Client, recording_file: Path) -> str:
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     assert answer.status_code == 202, answer.text

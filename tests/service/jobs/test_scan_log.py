@@ -5,13 +5,13 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from tests.service.conftest import ServedClient, wait_until
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from prometheus_client import CollectorRegistry
 from starlette.types import Message, Receive, Scope, Send
@@ -166,7 +166,9 @@ class LoggingDriver:
         """Do nothing: there is nothing to close."""
 
 
-def test_a_request_is_one_line_without_its_query_string(client: httpx.Client, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_request_is_one_line_without_its_query_string(
+    client: httpx2.Client, caplog: pytest.LogCaptureFixture
+) -> None:
     def access_record(path: str) -> logging.LogRecord:
         caplog.clear()
         client.get(path)

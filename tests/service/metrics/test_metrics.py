@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
@@ -15,11 +15,11 @@ from service.metrics.scans import ScanMetrics
 from service.metrics.state import StoreSizes
 from service.processing.view_outcomes import ViewOutcome
 
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Values = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 
 
-def values(client: httpx.Client) -> Values:
+def values(client: httpx2.Client) -> Values:
     """Return all samples by their name and labels."""
     answer = client.get("/metrics")
     assert answer.status_code == 200
@@ -36,7 +36,7 @@ def value(found: Values, name: str, **labels: str) -> float:
 
 
 def test_a_scan_is_counted_with_its_stages_and_its_views(
-    client: httpx.Client, recording: str, finished: Finished
+    client: httpx2.Client, recording: str, finished: Finished
 ) -> None:
     before = values(client)
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
@@ -64,7 +64,7 @@ def test_a_scan_is_counted_with_its_stages_and_its_views(
     assert not any(scan["id"] in str(labels) for _, labels in after)
 
 
-def test_all_unknown_addresses_have_one_label(client: httpx.Client) -> None:
+def test_all_unknown_addresses_have_one_label(client: httpx2.Client) -> None:
     before = len(values(client))
     for number in range(20):
         client.get(f"/api/nothing-{number}")
@@ -75,7 +75,7 @@ def test_all_unknown_addresses_have_one_label(client: httpx.Client) -> None:
     assert len(after) - before < 100
 
 
-def test_the_current_state_is_reported(client: httpx.Client) -> None:
+def test_the_current_state_is_reported(client: httpx2.Client) -> None:
     found = values(client)
     state = client.get("/api/cell").json()["state"]
     assert value(found, "pointchain_cell_state", state=state) == 1
@@ -97,7 +97,7 @@ def test_the_current_state_is_reported(client: httpx.Client) -> None:
     }
 
 
-def test_a_stop_is_timed_from_the_arrival_of_its_request(client: httpx.Client) -> None:
+def test_a_stop_is_timed_from_the_arrival_of_its_request(client: httpx2.Client) -> None:
     before = values(client)
     assert client.post("/api/cell/stop").status_code == 200
     after = values(client)

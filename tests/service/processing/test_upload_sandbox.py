@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from cell.recording.errors import NotMcapError, RecordingTooLargeError
@@ -14,7 +14,7 @@ from service.processing import upload_sandbox
 from service.processing.recording_metadata import describe_recording
 from service.processing.upload_sandbox import RecordingRefusedError, SandboxLimits, describe_untrusted_recording
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
 def replace_reader(monkeypatch: pytest.MonkeyPatch, body: str) -> None:
@@ -113,7 +113,7 @@ raise IndexError
 
 
 def test_an_upload_that_crashes_the_reader_is_a_problem_and_leaves_nothing(
-    client: httpx.Client, recording_file: Path, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
+    client: httpx2.Client, recording_file: Path, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = client.get("/api/recordings").json()
     replace_reader(monkeypatch, "import os\nos.abort()")

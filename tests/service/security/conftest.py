@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.jobs.manager import Jobs
@@ -84,7 +84,7 @@ def connect(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
 
-def port_of(client: httpx.Client) -> int:
+def port_of(client: httpx2.Client) -> int:
     """Return the port of the client's service."""
     assert client.base_url.port is not None
     return client.base_url.port

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from service.security.auth.tokens import add_token
@@ -32,9 +32,9 @@ class Crowded:
     client: ServedClient
     token: dict[str, str]
 
-    def stop(self) -> httpx.Response:
+    def stop(self) -> httpx2.Response:
         """Stop the arm over a new connection."""
-        return httpx.post(f"{self.client.base_url}/api/cell/stop", headers=self.token, timeout=PATIENCE_S)
+        return httpx2.post(f"{self.client.base_url}/api/cell/stop", headers=self.token, timeout=PATIENCE_S)
 
     def follow(self) -> socket.socket:
         """Open an event stream."""
@@ -152,7 +152,7 @@ def test_many_connections_do_not_block_a_stop_with_few_files(tmp_path: Path, mon
         assert f"{'Max open files':<26}256 " in Path(f"/proc/{running.pid}/limits").read_text()
         for _ in range(300):
             open_ones.enter_context(open_connection(client.base_url.port or 80, HEALTH))
-        stop = httpx.post(f"{client.base_url}/api/cell/stop", headers=token, timeout=PATIENCE_S)
+        stop = httpx2.post(f"{client.base_url}/api/cell/stop", headers=token, timeout=PATIENCE_S)
         assert stop.status_code == 200
         text = log.read_text()
         assert text.count("connections are open, which is the limit: idle ones are closed") == 1

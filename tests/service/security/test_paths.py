@@ -4,14 +4,14 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from service.storage.data_folder import DataFolder, OutsideError
 from tests.service.conftest import ServedClient
 from tests.service.security.conftest import connect, port_of, read_all
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 NAMES = (
     "..", "%2e%2e", "%252e%252e",

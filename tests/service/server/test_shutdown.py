@@ -9,7 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from cell.simulation.ur_controller.admin_client import AdminClient
@@ -107,7 +107,7 @@ def shut_down_during_a_move(tmp_path: Path) -> tuple[float, float]:
     return stopped_s - signal_s, ended_s
 
 
-def lines(client: httpx.Client, path: str, started: threading.Event) -> list[tuple[float, str]]:
+def lines(client: httpx2.Client, path: str, started: threading.Event) -> list[tuple[float, str]]:
     """Return all non-empty lines of a stream, and when each one arrived."""
     with client.stream("GET", path) as answer:
         found = []

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from service.server import supervisor as supervisor_module
@@ -149,7 +149,7 @@ def test_the_real_service_is_started_again_at_its_address(tmp_path: Path) -> Non
         wait_until(lambda: "/docs" in (tmp_path / "log").read_text() or supervisor.poll() is not None)
         found = re.search(r"pointchain: (http://\S+) \(API", log := (tmp_path / "log").read_text())
         assert found is not None, log
-        with httpx.Client(base_url=found[1], timeout=PATIENCE_S) as client:
+        with httpx2.Client(base_url=found[1], timeout=PATIENCE_S) as client:
             wait_until(lambda: answers(client))
             (service,) = children(supervisor.pid)
             os.kill(service, signal.SIGKILL)

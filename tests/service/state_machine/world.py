@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
@@ -64,7 +64,7 @@ class World:
         """Ends the service in order."""
         self._opened.close()
 
-    def call(self, method: str, path: str, **options: Any) -> httpx.Response:
+    def call(self, method: str, path: str, **options: Any) -> httpx2.Response:
         """An answer, which is as described."""
         answer = self.client.request(method, path, **options)
         check_described(answer)
@@ -75,7 +75,7 @@ class World:
         """Of the cell."""
         return self.client.app.state.context.cell.status.state
 
-    def start_scan(self, body: dict[str, Any], key: str | None) -> httpx.Response:
+    def start_scan(self, body: dict[str, Any], key: str | None) -> httpx2.Response:
         """Asks for a scan; one by the cell may move from then on."""
         asked = time.monotonic()
         answer = self.call("POST", "/api/scans", json=body, headers={} if key is None else {"Idempotency-Key": key})

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import httpx
+import httpx2
 import pytest
 from anyio import to_thread
 
@@ -26,7 +26,7 @@ from service.storage.store import Store
 from tests.service.conftest import ServedClient
 from tests.service.following import Told, folded, following, told
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 ABORTED = Failure("aborted", "so")
 
 
@@ -287,14 +287,14 @@ class Done:
 
 
 @pytest.fixture(scope="module")
-def done(client: httpx.Client, recording_file: Path) -> Done:
+def done(client: httpx2.Client, recording_file: Path) -> Done:
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     scan = client.post("/api/scans", json={"mode": "replay", "recording": recording}).json()
     events = told(client, scan["links"]["events"])
     return Done(scan["links"]["events"], events, client.get(scan["links"]["self"]).json())
 
 
-def test_a_scan_is_followed_to_its_end(client: httpx.Client, done: Done) -> None:
+def test_a_scan_is_followed_to_its_end(client: httpx2.Client, done: Done) -> None:
     first, *changes = done.events
     assert first.kind == "scan"
     assert {change.kind for change in changes} == {"state", "progress"}
@@ -310,14 +310,14 @@ def test_a_scan_is_followed_to_its_end(client: httpx.Client, done: Done) -> None
     assert folded(done.events) == folded([Told("scan", "", done.document)])
 
 
-def test_it_can_be_followed_from_every_event_on(client: httpx.Client, done: Done) -> None:
+def test_it_can_be_followed_from_every_event_on(client: httpx2.Client, done: Done) -> None:
     for number, event in enumerate(done.events[:-1]):
         assert told(client, done.path, event.id) == done.events[number + 1 :]
     # Whoever has seen the end and asks again is told that there is no more: a browser stops asking then.
     assert client.get(done.path, headers={"Last-Event-ID": done.events[-1].id}).status_code == 204
 
 
-def test_everything_is_followed(client: httpx.Client, done: Done) -> None:
+def test_everything_is_followed(client: httpx2.Client, done: Done) -> None:
     with following(client, "/api/events") as events:
         cell = next(events)
         assert cell.kind == "cell"
@@ -334,7 +334,7 @@ def test_everything_is_followed(client: httpx.Client, done: Done) -> None:
         assert [next(events) for _ in changes] == changes
 
 
-def test_what_a_stream_says_of_itself(client: httpx.Client, done: Done) -> None:
+def test_what_a_stream_says_of_itself(client: httpx2.Client, done: Done) -> None:
     answer = client.get(done.path)
     assert answer.headers["content-type"] == "text/event-stream; charset=utf-8"
     assert answer.headers["cache-control"] == "no-store"
@@ -344,13 +344,13 @@ def test_what_a_stream_says_of_itself(client: httpx.Client, done: Done) -> None:
 
 @pytest.mark.parametrize("last", ["", "abc", "-1", "1.5", str(2**63), str(2**70)])
 def test_an_event_id_that_is_none_is_refused(
-    client: httpx.Client, done: Done, assert_problem: AssertProblem, last: str
+    client: httpx2.Client, done: Done, assert_problem: AssertProblem, last: str
 ) -> None:
     for path in (done.path, "/api/events"):
         assert_problem(client.get(path, headers={"Last-Event-ID": last}), 422, "invalid-request")
 
 
-def test_an_event_that_never_was_is_refused(client: httpx.Client, done: Done, assert_problem: AssertProblem) -> None:
+def test_an_event_that_never_was_is_refused(client: httpx2.Client, done: Done, assert_problem: AssertProblem) -> None:
     for path in (done.path, "/api/events"):
         for last in (10**6, 2**63 - 1):
             assert_problem(client.get(path, headers={"Last-Event-ID": str(last)}), 422, "event-unknown")

@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.api.idempotency_header import body_hash
@@ -21,8 +21,8 @@ from service.storage.idempotency_keys import IdempotencyKeys, Key
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 AT_ONCE = 50
 
@@ -31,22 +31,22 @@ def wish(recording: str, **more: Any) -> dict[str, Any]:
     return {"mode": "replay", "recording": recording, **more}
 
 
-def post(client: httpx.Client, body: dict[str, Any], key: str | None = None) -> httpx.Response:
+def post(client: httpx2.Client, body: dict[str, Any], key: str | None = None) -> httpx2.Response:
     return client.post("/api/scans", json=body, headers={} if key is None else {"Idempotency-Key": key})
 
 
-def all_at_once(ask: Callable[[], httpx.Response]) -> list[httpx.Response]:
+def all_at_once(ask: Callable[[], httpx2.Response]) -> list[httpx2.Response]:
     with ThreadPoolExecutor(AT_ONCE) as pool:
         return [answer.result() for answer in [pool.submit(ask) for _ in range(AT_ONCE)]]
 
 
-def scans_of(client: httpx.Client, recording: str) -> list[str]:
+def scans_of(client: httpx2.Client, recording: str) -> list[str]:
     return [scan["id"] for scan in client.get("/api/scans", params={"recording": recording}).json()["scans"]]
 
 
 def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
     *,
-    client: httpx.Client,
+    client: httpx2.Client,
     recording: str,
     held: int,
     finished: Finished,
@@ -67,9 +67,9 @@ def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
 
 
 def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
-    client: httpx.Client, recording: str, held: int, finished: Finished, assert_problem: AssertProblem
+    client: httpx2.Client, recording: str, held: int, finished: Finished, assert_problem: AssertProblem
 ) -> None:
-    def ask() -> httpx.Response:
+    def ask() -> httpx2.Response:
         return post(client, wish(recording), "again")
 
     first = all_at_once(ask)
@@ -105,7 +105,7 @@ def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
 
 
 def test_a_refused_request_leaves_its_key_free(
-    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem
+    client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem
 ) -> None:
     assert_problem(post(client, wish("none"), "refused"), 404, "recording-not-found")
     assert_problem(post(client, wish(recording, string_radius_m=1.0), "refused"), 422, "invalid-parameters")
@@ -115,13 +115,13 @@ def test_a_refused_request_leaves_its_key_free(
 
 
 @pytest.mark.parametrize("key", ["", "x" * 256, "smørrebrød", "a\tb"])
-def test_what_is_no_key_is_refused(client: httpx.Client, assert_problem: AssertProblem, key: str) -> None:
+def test_what_is_no_key_is_refused(client: httpx2.Client, assert_problem: AssertProblem, key: str) -> None:
     headers = {b"Idempotency-Key": key.encode("latin-1")}
     answer = client.post("/api/scans", json=wish("none"), headers=headers)
     assert "printable ASCII" in assert_problem(answer, 422, "idempotency-key")
 
 
-def test_two_keys_are_none(client: httpx.Client, assert_problem: AssertProblem) -> None:
+def test_two_keys_are_none(client: httpx2.Client, assert_problem: AssertProblem) -> None:
     headers = [("Idempotency-Key", "a"), ("Idempotency-Key", "b")]
     assert_problem(client.post("/api/scans", json=wish("none"), headers=headers), 422, "idempotency-key")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from calibration.atomic_write import write_synced
@@ -26,7 +26,7 @@ from service.storage.rows import RecordingRow, ScanErrorRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 KIB = bytes(1024)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -28,7 +28,7 @@ from service.storage.rows import CalibrationRow, ScanErrorRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient
 
-Problem = Callable[[httpx.Response, int, str], str]
+Problem = Callable[[httpx2.Response, int, str], str]
 
 RUNS = "/api/calibration/runs"
 CAMERA = SimulatedCamera(model="ideal")
@@ -95,7 +95,7 @@ def client(
 
 @pytest.mark.parametrize("state", ACTIVE_STATES)
 def test_runs_of_a_killed_service_are_interrupted(
-    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], state: str
+    client: httpx2.Client, earlier_runs: dict[str, CalibrationRow], state: str
 ) -> None:
     run = client.get(f"{RUNS}/{earlier_runs[state].id}").json()
     assert (run["state"], run["problem"]["type"]) == ("interrupted", "urn:pointchain:interrupted")
@@ -109,14 +109,14 @@ def test_runs_of_a_killed_service_are_interrupted(
         assert (second["state"], second["picture"]) == ("missing", None)
 
 
-def test_runs_are_listed_the_newest_first(client: httpx.Client, earlier_runs: dict[str, CalibrationRow]) -> None:
+def test_runs_are_listed_the_newest_first(client: httpx2.Client, earlier_runs: dict[str, CalibrationRow]) -> None:
     ids = [run["id"] for run in client.get(RUNS).json()["runs"]]
     assert ids == sorted((row.id for row in earlier_runs.values()), reverse=True)
     assert [run["id"] for run in client.get(f"{RUNS}?limit=2&before={ids[1]}").json()["runs"]] == ids[2:4]
 
 
 def test_a_refused_or_missing_result_is_not_activated(
-    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
+    client: httpx2.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
 ) -> None:
     before = client.get("/api/calibration").json()
     refused = client.get(f"{RUNS}/{earlier_runs['refused'].id}").json()
@@ -140,20 +140,20 @@ def test_a_refused_or_missing_result_is_not_activated(
     ],
 )
 def test_an_impossible_board_or_number_of_poses_is_refused(
-    client: httpx.Client, assert_problem: Problem, wanted: dict[str, Any], slug: str, message: str
+    client: httpx2.Client, assert_problem: Problem, wanted: dict[str, Any], slug: str, message: str
 ) -> None:
     assert message in assert_problem(client.post(RUNS, json=wanted), 422, slug)
 
 
 def test_a_missing_view_or_run_is_not_found(
-    client: httpx.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
+    client: httpx2.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
 ) -> None:
     assert_problem(client.get(f"{RUNS}/{earlier_runs['scanning'].id}/views/7.png"), 404, "no-result")
     assert_problem(client.get(f"{RUNS}/{earlier_runs['scanning'].id}/views/-1.png"), 422, "invalid-request")
     assert_problem(client.get(f"{RUNS}/none"), 404, "calibration-not-found")
 
 
-def test_a_drift_is_reported_by_calibration_and_cell(client: httpx.Client) -> None:
+def test_a_drift_is_reported_by_calibration_and_cell(client: httpx2.Client) -> None:
     status = client.get("/api/calibration").json()
     assert status["calibration"]["sha256"] == nominal_sha256()
     drift = status["calibration"]["drift"]
@@ -169,7 +169,7 @@ def test_a_drift_is_reported_by_calibration_and_cell(client: httpx.Client) -> No
     json.dumps(status, allow_nan=False)
 
 
-def test_a_verification_needs_the_board_of_a_calibration(client: httpx.Client, assert_problem: Problem) -> None:
+def test_a_verification_needs_the_board_of_a_calibration(client: httpx2.Client, assert_problem: Problem) -> None:
     assert "calibrat" in assert_problem(client.post("/api/calibration/verify"), 409, "calibration")
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from tests.service.conftest import ServedClient, wait_until
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 Serve = Callable[..., AbstractContextManager[ServedClient]]
 
 
@@ -23,7 +23,7 @@ def ready(client: ServedClient) -> ServedClient:
     return client
 
 
-def checks(answer: httpx.Response) -> dict[str, Any]:
+def checks(answer: httpx2.Response) -> dict[str, Any]:
     """Return the result of each check, by name."""
     return {name: check["ok"] for name, check in answer.json()["checks"].items() if name != "cell"}
 

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-import httpx
+import httpx2
 import pytest
 
 import service
@@ -21,7 +21,7 @@ from tests.service.conftest import ServedClient
 
 ROOT = Path(service.__file__).parents[1]
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_the_manual_can_only_be_read(client: ServedClient, assert_problem: Asser
 )
 def test_no_other_file_is_served(client: ServedClient, assert_problem: AssertProblem, path: str) -> None:
     # The raw target, since a client library resolves `..` itself.
-    url = httpx.URL(client.base_url, raw_path=path.encode())
+    url = httpx2.URL(client.base_url, raw_path=path.encode())
     answer = client.get(url)
     assert answer.status_code == 404
     assert answer.json()["type"] == "urn:pointchain:not-found"

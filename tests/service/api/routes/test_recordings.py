@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -17,10 +17,10 @@ from service.api.routes.recordings import MAX_UPLOADS
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
-def test_an_uploaded_recording_is_returned_unchanged(client: httpx.Client, recording_file: Path) -> None:
+def test_an_uploaded_recording_is_returned_unchanged(client: httpx2.Client, recording_file: Path) -> None:
     content = recording_file.read_bytes()
     answer = client.post("/api/recordings", content=content)
     assert answer.status_code == 201
@@ -48,14 +48,14 @@ def test_an_uploaded_recording_is_returned_unchanged(client: httpx.Client, recor
     ],
 )
 def test_a_name_is_stored_without_folders_and_control_characters(
-    client: httpx.Client, recording_file: Path, given: str, stored: str | None
+    client: httpx2.Client, recording_file: Path, given: str, stored: str | None
 ) -> None:
     answer = client.post("/api/recordings", params={"name": given}, content=recording_file.read_bytes())
     assert (answer.status_code, answer.json()["name"]) == (201, stored)
     assert client.get(answer.headers["location"]).json()["name"] == stored
 
 
-def test_a_refusal_has_the_name_that_the_sender_gave(client: httpx.Client, assert_problem: AssertProblem) -> None:
+def test_a_refusal_has_the_name_that_the_sender_gave(client: httpx2.Client, assert_problem: AssertProblem) -> None:
     def refused(**params: str) -> str:
         return assert_problem(client.post("/api/recordings", params=params, content=b"no"), 422, "not-mcap")
 
@@ -64,7 +64,7 @@ def test_a_refusal_has_the_name_that_the_sender_gave(client: httpx.Client, asser
     assert_problem(client.post("/api/recordings", params={"name": "x" * 256}, content=b"no"), 422, "invalid-request")
 
 
-def test_a_download_ignores_ranges(client: httpx.Client, recording: str) -> None:
+def test_a_download_ignores_ranges(client: httpx2.Client, recording: str) -> None:
     address = f"/api/recordings/{recording}/file"
     whole = client.get(address).content
     for wanted in ("bytes=0-9", "bytes=999999999-", "nonsense"):
@@ -72,7 +72,7 @@ def test_a_download_ignores_ranges(client: httpx.Client, recording: str) -> None
         assert (answer.status_code, answer.content == whole) == (200, True)
 
 
-def test_a_truncated_recording_keeps_its_complete_views(client: httpx.Client, recording_file: Path) -> None:
+def test_a_truncated_recording_keeps_its_complete_views(client: httpx2.Client, recording_file: Path) -> None:
     content = recording_file.read_bytes()
     answer = client.post("/api/recordings", content=content[: len(content) * 3 // 4])
     assert answer.status_code == 201
@@ -80,7 +80,7 @@ def test_a_truncated_recording_keeps_its_complete_views(client: httpx.Client, re
     assert answer.json()["missing"]
 
 
-def test_a_page_begins_before_an_id(client: httpx.Client, recording: str) -> None:
+def test_a_page_begins_before_an_id(client: httpx2.Client, recording: str) -> None:
     newest = client.get("/api/recordings", params={"limit": 1}).json()["recordings"]
     assert [found["id"] for found in newest] == [recording]
     older = client.get("/api/recordings", params={"before": recording}).json()["recordings"]
@@ -98,7 +98,7 @@ def clean_service(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
 
 
 def test_an_unusable_upload_is_refused_and_leaves_no_file(
-    clean_service: httpx.Client,
+    clean_service: httpx2.Client,
     recording_file: Path,
     tmp_path_factory: pytest.TempPathFactory,
     assert_problem: AssertProblem,
@@ -107,7 +107,7 @@ def test_an_unusable_upload_is_refused_and_leaves_no_file(
     assert len(content) > 50_000
     client = clean_service
 
-    def post(body: bytes | Iterator[bytes]) -> httpx.Response:
+    def post(body: bytes | Iterator[bytes]) -> httpx2.Response:
         return client.post("/api/recordings", content=body)
 
     assert "is empty" in assert_problem(post(b""), 422, "not-mcap")
@@ -125,7 +125,7 @@ def test_an_unusable_upload_is_refused_and_leaves_no_file(
     assert_problem(post(path.read_bytes()), 422, "recording-empty")
 
 
-def test_an_aborted_upload_leaves_no_file(clean_service: httpx.Client, recording_file: Path) -> None:
+def test_an_aborted_upload_leaves_no_file(clean_service: httpx2.Client, recording_file: Path) -> None:
     address = clean_service.base_url
     with socket.create_connection((address.host, address.port or 80)) as connection:
         head = "POST /api/recordings HTTP/1.1\r\nHost: localhost\r\nContent-Length: 40000\r\n\r\n"
@@ -174,13 +174,13 @@ def test_concurrent_uploads_are_limited(
 
 
 @pytest.mark.parametrize("path", ["/api/recordings/none", "/api/recordings/none/file"])
-def test_an_unknown_recording_is_not_found(client: httpx.Client, path: str, assert_problem: AssertProblem) -> None:
+def test_an_unknown_recording_is_not_found(client: httpx2.Client, path: str, assert_problem: AssertProblem) -> None:
     assert_problem(client.get(path), 404, "recording-not-found")
 
 
 @pytest.mark.parametrize("bad", ["..", "%2e%2e", "..%2f..%2fpointchain.sqlite3", "A", "a" * 65, "a.mcap", "a%00b"])
 @pytest.mark.parametrize("kind", ["recordings", "scans"])
-def test_no_id_is_a_path(client: httpx.Client, kind: str, bad: str) -> None:
+def test_no_id_is_a_path(client: httpx2.Client, kind: str, bad: str) -> None:
     for path in (f"/api/{kind}/{bad}", f"/api/{kind}/{bad}/file", f"/api/{kind}/{bad}/model"):
         answer = client.get(path)
         assert answer.status_code in (404, 422)

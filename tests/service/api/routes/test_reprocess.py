@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.api.idempotency_header import body_hash
@@ -19,8 +19,8 @@ from service.storage.idempotency_keys import Key
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 def test_a_damaged_recording_is_not_reprocessed(
@@ -39,7 +39,7 @@ def test_a_damaged_recording_is_not_reprocessed(
 
 
 def test_omitted_members_are_as_in_the_first_scan(
-    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+    client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     body = {"mode": "replay", "recording": recording, "string_radius_m": 0.005, "method": "matching"}
     first = client.post("/api/scans", json=body).headers["Location"]
@@ -85,7 +85,7 @@ def test_omitted_members_are_as_in_the_first_scan(
 )
 def test_an_invalid_request_is_refused(
     *,
-    client: httpx.Client,
+    client: httpx2.Client,
     recording: str,
     finished: Finished,
     assert_problem: AssertProblem,

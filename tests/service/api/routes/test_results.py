@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.api.file_responses import matches
@@ -14,8 +14,8 @@ from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "thumbnail", "recording"])

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from service.clock import format_utc
@@ -18,7 +18,7 @@ from service.storage.rows import ScanRow
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 
 @pytest.fixture

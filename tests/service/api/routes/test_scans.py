@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import numpy as np
 import pytest
 
@@ -22,26 +22,26 @@ from recognition.model.document import ModelDocument
 from service.api.schemas.scans import GraspsDocument
 from tests.service.conftest import ServedClient, wait_until
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
-Serve = Callable[..., AbstractContextManager[httpx.Client]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+Serve = Callable[..., AbstractContextManager[httpx2.Client]]
 
 
-def start(client: httpx.Client, recording: str, **members: Any) -> str:
+def start(client: httpx2.Client, recording: str, **members: Any) -> str:
     """Start a scan, which must be accepted, and return its address."""
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording, **members})
     assert answer.status_code == 202, answer.text
     return answer.headers["location"]
 
 
-def upload(client: httpx.Client, path: Path) -> str:
+def upload(client: httpx2.Client, path: Path) -> str:
     answer = client.post("/api/recordings", content=path.read_bytes())
     assert answer.status_code == 201, answer.text
     return answer.json()["id"]
 
 
 @pytest.mark.parametrize("method", ["matching", "enhanced"])
-def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finished: Finished, method: str) -> None:
+def test_a_recording_becomes_a_model(client: httpx2.Client, recording: str, finished: Finished, method: str) -> None:
     scan = finished(client, start(client, recording, method=method))
     assert scan["state"] == "succeeded", scan["problem"]
     assert (scan["method"], scan["string_radius_m"]) == (method, 0.0042)
@@ -63,7 +63,7 @@ def test_a_recording_becomes_a_model(client: httpx.Client, recording: str, finis
     assert client.get("/api/scans").json()["scans"][0] == scan
 
 
-def test_the_requested_radius_is_used(client: httpx.Client, recording: str, finished: Finished) -> None:
+def test_the_requested_radius_is_used(client: httpx2.Client, recording: str, finished: Finished) -> None:
     scan = finished(client, start(client, recording, string_radius_m=0.005))
     assert scan["string_radius_m"] == 0.005
     assert client.get(scan["links"]["model"]).json()["parameters"]["r_m"] == 0.005
@@ -84,7 +84,7 @@ def test_grasps_are_for_the_configured_gripper(
 
 
 def test_missing_views_make_a_partial_result(
-    client: httpx.Client, recording_file: Path, finished: Finished, tmp_path: Path
+    client: httpx2.Client, recording_file: Path, finished: Finished, tmp_path: Path
 ) -> None:
     content = recording_file.read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -104,7 +104,7 @@ def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable
     return target
 
 
-def test_a_scan_without_a_string_has_a_warning(client: httpx.Client, finished: Finished, tmp_path: Path) -> None:
+def test_a_scan_without_a_string_has_a_warning(client: httpx2.Client, finished: Finished, tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
     T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
@@ -124,7 +124,7 @@ def test_a_scan_without_a_string_has_a_warning(client: httpx.Client, finished: F
 
 
 def test_views_without_depth_fail_the_scan(
-    client: httpx.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
+    client: httpx2.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
 ) -> None:
     blind = rewrite(
         recording_file,
@@ -142,7 +142,7 @@ def test_views_without_depth_fail_the_scan(
 
 
 def test_an_unknown_radius_is_measured(
-    client: httpx.Client,
+    client: httpx2.Client,
     recording_file: Path,
     finished: Finished,
     tmp_path: Path,
@@ -174,7 +174,7 @@ def test_an_unknown_radius_is_measured(
 )
 def test_an_invalid_request_starts_no_scan(
     *,
-    client: httpx.Client,
+    client: httpx2.Client,
     recording: str,
     assert_problem: AssertProblem,
     members: dict[str, Any],
@@ -183,7 +183,7 @@ def test_an_invalid_request_starts_no_scan(
     message: str,
 ) -> None:
     before = client.get("/api/scans").json()
-    # encoded here, because httpx refuses to send NaN
+    # encoded here, because httpx2 refuses to send NaN
     body = json.dumps({"mode": "replay", "recording": recording} | members)
     answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
     assert message in assert_problem(answer, status, slug)
@@ -201,7 +201,7 @@ def test_an_invalid_request_starts_no_scan(
     ],
 )
 def test_an_invalid_body_is_refused(
-    client: httpx.Client, assert_problem: AssertProblem, body: bytes, status: int, slug: str
+    client: httpx2.Client, assert_problem: AssertProblem, body: bytes, status: int, slug: str
 ) -> None:
     answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
     assert_problem(answer, status, slug)
@@ -220,13 +220,13 @@ def test_an_invalid_body_is_refused(
     ],
 )
 def test_every_refusal_is_a_problem(
-    *, client: httpx.Client, assert_problem: AssertProblem, method: str, path: str, status: int, slug: str
+    *, client: httpx2.Client, assert_problem: AssertProblem, method: str, path: str, status: int, slug: str
 ) -> None:
     assert_problem(client.request(method, path), status, slug)
 
 
 def test_only_one_scan_runs_at_a_time(
-    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+    client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     address = start(client, recording)
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
@@ -244,7 +244,7 @@ def test_only_one_scan_runs_at_a_time(
 
 
 def test_a_scan_can_be_cancelled_and_the_next_one_succeeds(
-    client: httpx.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
+    client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
     address = start(client, recording)
     cancelled = client.post(client.get(address).json()["links"]["cancel"])
@@ -265,7 +265,7 @@ def test_a_scan_can_be_cancelled_and_the_next_one_succeeds(
 
 
 def test_a_crash_of_recognition_fails_only_its_scan(
-    client: httpx.Client, recording: str, finished: Finished, held: int
+    client: httpx2.Client, recording: str, finished: Finished, held: int
 ) -> None:
     address = start(client, recording)
     while client.get(address).json()["state"] != "processing":

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 
 from cell.recording import RecordingWriter, read_recording
@@ -18,8 +18,8 @@ from service.storage.database import new_id
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
-Finished = Callable[[httpx.Client, str], dict[str, Any]]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture

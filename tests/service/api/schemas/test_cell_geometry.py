@@ -1,6 +1,6 @@
 """The JSON document of the cell's geometry."""
 
-import httpx
+import httpx2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +25,7 @@ def link_frames_of(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.floa
     return np.array(frames)
 
 
-def test_the_geometry_is_returned_without_a_device(client: httpx.Client) -> None:
+def test_the_geometry_is_returned_without_a_device(client: httpx2.Client) -> None:
     answer = client.get("/api/cell/room")
     assert answer.status_code == 200
     room = RoomResource.model_validate_json(answer.content)

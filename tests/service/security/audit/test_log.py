@@ -8,7 +8,7 @@ import threading
 from contextlib import closing
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from starlette.types import Message, Receive, Scope, Send
 
@@ -296,7 +296,7 @@ def test_an_unexpected_error_is_written(client: ServedClient, monkeypatch: pytes
         raise RuntimeError("on purpose")
 
     monkeypatch.setattr("service.jobs.manager.Jobs.release_arm", fail)
-    answer: httpx.Response = client.post("/api/cell/release")
+    answer: httpx2.Response = client.post("/api/cell/release")
     assert answer.status_code == 500
     found = entries(client.app.state.context.store.folder.root)[-1]
     assert (found.what, found.status, found.result) == ("POST /api/cell/release", 500, "internal")

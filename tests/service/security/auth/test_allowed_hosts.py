@@ -1,6 +1,6 @@
 """The host names by which the service may be called, and the pages that may call it."""
 
-import httpx
+import httpx2
 import pytest
 
 from service.problems.problem_error import ProblemError
@@ -139,5 +139,5 @@ def test_the_page_of_the_api_can_send_requests(client: ServedClient) -> None:
     assert 'request.headers["X-Pointchain"]' in script.text
     fetched = {"Origin": origin, "Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors"}
     for headers in (fetched, {"Origin": origin, "X-Pointchain": "docs"}):
-        answer: httpx.Response = client.post("/api/viewpoints/plan", headers=headers, json={"views": 99})
+        answer: httpx2.Response = client.post("/api/viewpoints/plan", headers=headers, json={"views": 99})
         assert answer.status_code == 422, answer.text  # the request reached the route

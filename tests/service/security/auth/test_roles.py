@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 from fastapi.routing import iter_route_contexts
 from starlette.routing import Mount
@@ -20,7 +20,7 @@ from service.storage.database import BUSY_S
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.security.conftest import Guarded, bearer, connect, port_of, without_recognition
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 THREADS = 40
 """Size of the thread pool of all requests that may block, except stops."""
@@ -128,7 +128,7 @@ def test_an_unknown_address_is_not_found_with_a_token(guarded: Guarded, assert_p
 
 
 def test_a_token_is_valid_at_once_and_removed_at_once(guarded: Guarded, assert_problem: AssertProblem) -> None:
-    with httpx.Client(base_url=guarded.client.base_url) as client:  # one connection for all requests
+    with httpx2.Client(base_url=guarded.client.base_url) as client:  # one connection for all requests
         client.headers.update(bearer(add_token(guarded.data, "guest", "viewer")))
         assert client.get("/api/cell").status_code == 200
         remove_token(guarded.data, "guest")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from http.cookies import SimpleCookie
 from pathlib import Path
 
-import httpx
+import httpx2
 import pytest
 
 from service.security.audit.reader import read_audit
@@ -13,7 +13,7 @@ from service.security.auth.tokens import PREFIX, add_token, remove_token
 from tests.service.conftest import Serve
 from tests.service.security.conftest import Guarded, without_recognition
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 CONSOLE_HEADER = {"X-Pointchain": "console"}
 
 
@@ -22,18 +22,18 @@ def token_of(guarded: Guarded, role: str) -> str:
 
 
 @pytest.fixture
-def browser(guarded: Guarded) -> Iterator[httpx.Client]:
+def browser(guarded: Guarded) -> Iterator[httpx2.Client]:
     """A client that keeps cookies like a browser. It is not signed in."""
-    with httpx.Client(base_url=guarded.client.base_url) as browser:
+    with httpx2.Client(base_url=guarded.client.base_url) as browser:
         yield browser
 
 
-def sign_in(browser: httpx.Client, token: str, **headers: str) -> httpx.Response:
+def sign_in(browser: httpx2.Client, token: str, **headers: str) -> httpx2.Response:
     return browser.post("/api/session", json={"token": token}, headers=headers)
 
 
 def test_a_browser_signs_in_with_a_token_and_out_again(
-    guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
+    guarded: Guarded, browser: httpx2.Client, assert_problem: AssertProblem
 ) -> None:
     assert browser.get("/api/session").json() == {"caller": None}
     answer = sign_in(browser, f" {token_of(guarded, 'operator')}\n")  # with the white space of a paste
@@ -46,7 +46,7 @@ def test_a_browser_signs_in_with_a_token_and_out_again(
     assert_problem(browser.get("/api/cell"), 401, "unauthorized")
 
 
-def test_the_cookie_is_hidden_from_scripts_and_other_sites(guarded: Guarded, browser: httpx.Client) -> None:
+def test_the_cookie_is_hidden_from_scripts_and_other_sites(guarded: Guarded, browser: httpx2.Client) -> None:
     header = sign_in(browser, token_of(guarded, "viewer")).headers["set-cookie"]
     (cookie,) = SimpleCookie(header).values()
     assert cookie.key == f"pointchain_{guarded.client.base_url.port}"
@@ -58,7 +58,7 @@ def test_the_cookie_is_hidden_from_scripts_and_other_sites(guarded: Guarded, bro
 
 
 def test_an_invalid_token_does_not_sign_in(
-    guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
+    guarded: Guarded, browser: httpx2.Client, assert_problem: AssertProblem
 ) -> None:
     for wrong in ("", "x", PREFIX + "a" * 43, token_of(guarded, "viewer")[:-1]):
         answer = sign_in(browser, wrong)
@@ -68,7 +68,7 @@ def test_an_invalid_token_does_not_sign_in(
 
 
 def test_the_cookie_alone_cannot_change_anything(
-    guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
+    guarded: Guarded, browser: httpx2.Client, assert_problem: AssertProblem
 ) -> None:
     """A page of another port of this host is the same site, so its requests carry the cookie too."""
     sign_in(browser, token_of(guarded, "maintainer"))
@@ -88,7 +88,7 @@ def test_the_cookie_alone_cannot_change_anything(
 
 
 def test_a_page_of_another_port_cannot_open_event_streams(
-    guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
+    guarded: Guarded, browser: httpx2.Client, assert_problem: AssertProblem
 ) -> None:
     sign_in(browser, token_of(guarded, "viewer"))
     assert_problem(browser.get("/api/events"), 403, "cross-origin")
@@ -98,14 +98,14 @@ def test_a_page_of_another_port_cannot_open_event_streams(
     assert browser.get("/api/scans").status_code == 200  # a link may be followed
 
 
-def test_a_token_in_the_header_precedes_the_cookie(guarded: Guarded, browser: httpx.Client) -> None:
+def test_a_token_in_the_header_precedes_the_cookie(guarded: Guarded, browser: httpx2.Client) -> None:
     sign_in(browser, token_of(guarded, "maintainer"))
     session = browser.get("/api/session", headers=guarded.headers["viewer"]).json()
     assert session["caller"]["role"] == "viewer"
 
 
 def test_a_removed_token_is_signed_out_at_once(
-    guarded: Guarded, browser: httpx.Client, assert_problem: AssertProblem
+    guarded: Guarded, browser: httpx2.Client, assert_problem: AssertProblem
 ) -> None:
     sign_in(browser, add_token(guarded.data, "guest", "viewer"))
     assert browser.get("/api/cell").status_code == 200
@@ -143,7 +143,7 @@ def test_each_port_of_a_host_has_its_own_cookie(host: str, name: str) -> None:
 
 
 def test_the_audit_log_has_each_sign_in_without_the_token(
-    guarded: Guarded, browser: httpx.Client, caplog: pytest.LogCaptureFixture
+    guarded: Guarded, browser: httpx2.Client, caplog: pytest.LogCaptureFixture
 ) -> None:
     sign_in(browser, token_of(guarded, "operator"))
     sign_in(browser, "pct_wrong")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import httpx
+import httpx2
 import pytest
 from fastapi import FastAPI, Request
 from starlette.types import Message, Receive, Scope, Send
@@ -18,7 +18,7 @@ from service.server.connections import GuardedConnection
 from tests.service.conftest import ServedClient, wait_until
 from tests.service.security.conftest import Guarded, ServeApp, connect, port_of, read_all
 
-AssertProblem = Callable[[httpx.Response, int, str], str]
+AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 QUICK = BodyTimeouts(chunk_s=0.3, request_s=0.6, upload_grace_s=0.4, upload_min_bytes_per_s=10_000)
 
@@ -76,7 +76,7 @@ def test_a_slow_body_is_refused(serve_app: ServeApp) -> None:
 
 
 def test_an_idle_connection_after_a_body_is_not_slow(serve_app: ServeApp) -> None:
-    with serve_app(echo()) as port, httpx.Client(base_url=f"http://127.0.0.1:{port}") as client:
+    with serve_app(echo()) as port, httpx2.Client(base_url=f"http://127.0.0.1:{port}") as client:
         for _ in range(2):
             assert client.post("/x", content=b"abc").json() == 3
             time.sleep(2 * QUICK.request_s)

@@ -1,13 +1,13 @@
 """The security headers of answers."""
 
-import httpx
+import httpx2
 import pytest
 
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
 
-def assert_headers(answer: httpx.Response) -> None:
+def assert_headers(answer: httpx2.Response) -> None:
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["x-frame-options"] == "DENY"
     assert answer.headers["referrer-policy"] == "no-referrer"
