@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from calibration.dataset.forms import transform_to_json
 from calibration.geometry.transforms import NotRigidError, rigid
@@ -41,8 +41,8 @@ FRAMES: dict[Mounting, tuple[tuple[str, str], tuple[str, str]]] = {
 """Name and description of the two transforms X and Y, by mounting."""
 COVARIANCE = {
     "order": ["rx", "ry", "rz", "tx", "ty", "tz"],
-    "side": "right, in the camera's frame: X_true = X @ error, where X is the camera's transform and error has the "
-    "rotation vector r and the translation t",
+    "convention": "right, in the camera's frame: X_true = X @ error, where X is the camera's transform and error has "
+    "the rotation vector r and the translation t",
     "units": ["rad", "rad", "rad", "m", "m", "m"],
 }
 """Convention of the covariance of X."""
@@ -86,7 +86,7 @@ class CovarianceResource(_Document):
     """6 x 6; nulls without a solution."""
     order: list[str]
     """Order of the rows and columns."""
-    side: str
+    convention: str
     """Definition of the error: the side of the transform on which it is multiplied, and its parts."""
     units: list[str]
     """Unit of each row and column."""
@@ -97,13 +97,13 @@ class FindingResource(_Document):
 
     code: str
     """Machine-readable code."""
-    words: str = Field(validation_alias=AliasChoices("words", "message"))
+    message: str
     """Description of the problem, with its place and the remedy."""
-    refuses: bool = Field(validation_alias=AliasChoices("refuses", "blocking"))
+    blocking: bool
     """True if the calibration must not be used; false for a warning."""
 
 
-class SolvedView(_Document):
+class CalibrationViewReport(_Document):
     """Report on one view. Numbers that cannot be computed are null."""
 
     name: str
@@ -121,7 +121,7 @@ class SolvedView(_Document):
     """Estimated position error of the reported flange pose, metres."""
     robot_error_rad: NumberOrNull
     """Estimated rotation error of the reported flange pose, radians."""
-    left_out_m: NumberOrNull = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    loo_error_m: NumberOrNull
     """Leave-one-out error, metres: distance between the observed middle of the board and its prediction from the other
     views."""
     distance_m: NumberOrNull
@@ -135,10 +135,10 @@ class CalibrationMetrics(_Document):
     """Standard deviation of the camera position (root sum of squares over the axes), metres."""
     sigma_rad: NumberOrNull
     """Standard deviation of the camera rotation (root sum of squares over the axes), radians."""
-    eight_views_m: NumberOrNull = Field(validation_alias=AliasChoices("eight_views_m", "repeatability_95_m"))
+    repeatability_95_m: NumberOrNull
     """Predicted repeatability of a scan, metres. In 95 % of scans with eight views, no two views disagree by more than
     this."""
-    left_out_m: NumberOrNull = Field(validation_alias=AliasChoices("left_out_m", "loo_error_m"))
+    loo_error_m: NumberOrNull
     """Root mean square of the leave-one-out errors of the used views, metres."""
     pixel_sigma_px: NumberOrNull
     """Estimated standard deviation of the corner noise per image coordinate, pixels."""
@@ -152,19 +152,19 @@ class CalibrationMetrics(_Document):
     """Number of views from which the calibration was estimated."""
 
 
-class VerifiedView(_Document):
+class VerificationView(_Document):
     """Position of the board in one view, according to the calibration."""
 
     name: str
     """Name of the view."""
-    off_m: float
+    deviation_m: float
     """Distance of the middle of the board from where it lay, metres."""
-    off_rad: float
+    deviation_rad: float
     """Rotation of the board relative to where it lay, radians."""
     expected_m: float
-    """Expected root mean square of `off_m`, from the covariance of the calibration and the noise, metres."""
+    """Expected root mean square of `deviation_m`, from the covariance of the calibration and the noise, metres."""
     expected_rad: float | None = None
-    """Expected root mean square of `off_rad`, radians; null in verifications by an earlier version."""
+    """Expected root mean square of `deviation_rad`, radians; null in verifications by an earlier version."""
 
 
 class VerificationResource(_Document):
@@ -172,21 +172,21 @@ class VerificationResource(_Document):
 
     passed: bool
     """Whether the calibration still holds. A board that was moved does not contradict it."""
-    words: str = Field(validation_alias=AliasChoices("words", "message"))
+    message: str
     """Result and what to do, for people."""
-    worst_m: NumberOrNull
-    """Largest `off_m`; null without views."""
+    max_deviation_m: NumberOrNull
+    """Largest `deviation_m`; null without views."""
     expected_m: NumberOrNull
     """Largest `expected_m`; null without views."""
-    worst_rad: NumberOrNull = None
-    """Largest `off_rad`; null without views, and in verifications by an earlier version."""
+    max_deviation_rad: NumberOrNull = None
+    """Largest `deviation_rad`; null without views, and in verifications by an earlier version."""
     expected_rad: NumberOrNull = None
     """Largest `expected_rad`; null without views, and in verifications by an earlier version."""
-    board_moved_m: float | None
+    board_displacement_m: float | None
     """Distance by which the board moved, metres, if the views agree that it did; otherwise null."""
-    board_turned_rad: float | None = None
-    """Rotation of the board about its normal, radians; null if `board_moved_m` is null."""
-    views: list[VerifiedView]
+    board_rotation_rad: float | None = None
+    """Rotation of the board about its normal, radians; null if `board_displacement_m` is null."""
+    views: list[VerificationView]
     """The views in which the board was seen."""
 
 
@@ -209,7 +209,7 @@ class CalibrationResult(_Document):
     """Board with its nominal size, and its estimated scale."""
     metrics: CalibrationMetrics
     """Accuracy."""
-    views: list[SolvedView]
+    views: list[CalibrationViewReport]
     """One entry per view, in the given order."""
 
 
@@ -234,7 +234,7 @@ def result_document(
         "joint_covariance": result.joint_covariance.tolist(),
         "intrinsics": {
             "K": result.K.tolist(),
-            "K_told": observations.K.tolist(),
+            "K_given": observations.K.tolist(),
             "distortion": observations.distortion.tolist(),
             "width": width,
             "height": height,
@@ -243,7 +243,7 @@ def result_document(
         "metrics": CalibrationMetrics.model_validate(result).model_dump(mode="json"),
         "verdict": result.verdict,
         "findings": [FindingResource.model_validate(finding).model_dump() for finding in result.findings],
-        "views": [SolvedView.model_validate(view).model_dump(mode="json") for view in result.views],
+        "views": [CalibrationViewReport.model_validate(view).model_dump(mode="json") for view in result.views],
     }
     if verification is not None:
         document["verification"] = verification

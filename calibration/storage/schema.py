@@ -14,6 +14,13 @@ from calibration.result import Verdict
 from calibration.storage.document import COVARIANCE
 from calibration.target.board import Board
 
+VERSION_1_NAMES = {
+    "covariance": {"side": "convention"},
+    "findings": {"words": "message", "refuses": "blocking"},
+    "metrics": {"eight_views_m": "repeatability_95_m"},
+    "verification": {"words": "message"},
+}
+"""Members of a hand-eye file of version 1 that are read and have another name in version 2, by their parent."""
 MAX_ASYMMETRY = 1e-6
 """Maximum asymmetry of a correlation matrix."""
 
@@ -22,6 +29,15 @@ JOINT_SHAPES = ((12, 12), (17, 17))
 
 _MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT_CONFIG)
 NotNegative = Annotated[float, Field(ge=0)]
+
+
+def _rename_members(value: Any, names: dict[str, str]) -> Any:
+    """Rename the members of an object, or of each object in a list. Any other value is returned unchanged."""
+    if isinstance(value, dict):
+        return {names.get(name, name): item for name, item in value.items()}
+    if isinstance(value, list):
+        return [_rename_members(item, names) if isinstance(item, dict) else item for item in value]
+    return value
 
 
 def _covariance(matrix: list[list[float]]) -> list[list[float]]:
@@ -66,14 +82,14 @@ CovarianceMatrix = Annotated[list[Vector6], Field(min_length=6, max_length=6), A
 
 class _Finding(Form):
     code: str
-    message: Annotated[str, Field(validation_alias="words")]
-    blocking: Annotated[bool, Field(validation_alias="refuses")] = False
+    message: str
+    blocking: bool = False
 
 
 class _Covariance(Form):
     matrix: CovarianceMatrix
     order: list[str] | None = None
-    side: str | None = None
+    convention: str | None = None
     units: list[str] | None = None
 
     @model_validator(mode="after")
@@ -92,7 +108,7 @@ class _Intrinsics(Form):
 
 class _Verification(Form):
     passed: bool
-    words: str = "the file does not say why"
+    message: str = "the file does not say why"
     views: list[Any] = Field(default_factory=list)
 
 
@@ -101,19 +117,29 @@ class Metrics(Form):
 
     robot_sigma_m: NotNegative | None = None
     robot_sigma_rad: NotNegative | None = None
-    repeatability_95_m: Annotated[NotNegative | None, Field(validation_alias="eight_views_m")] = None
+    repeatability_95_m: NotNegative | None = None
     views_used: Annotated[int, Field(ge=0)] | None = None
 
 
 class JudgedForm(Form):
     """Members that decide whether a calibration may be used. The transform of a refused calibration is not checked."""
 
-    schema_version: Literal[1] = 1
+    schema_version: Literal[1, 2] = 1
     mounting: Mounting = "eye-in-hand"
     T_base_camera: Any = None
     verdict: Verdict | None = None
     findings: Annotated[list[_Finding], Field(fail_fast=True)] | None = None
     verification: _Verification | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _convert_version_1(cls, document: dict[str, Any]) -> dict[str, Any]:
+        """Rename the members of a file of version 1."""
+        if document.get("schema_version", 1) != 1:
+            return document
+        return document | {
+            name: _rename_members(document[name], names) for name, names in VERSION_1_NAMES.items() if name in document
+        }
 
     @property
     def refusals(self) -> tuple[str, ...]:
@@ -121,7 +147,7 @@ class JudgedForm(Form):
         reasons = [finding.message for finding in self.findings or [] if finding.blocking]
         # A verification without views has no result, so it is not a failure.
         if self.verification is not None and self.verification.views and not self.verification.passed and not reasons:
-            reasons = [f"on views that were held out, {self.verification.words}"]
+            reasons = [f"on views that were held out, {self.verification.message}"]
         if self.verdict == "refuse" and not reasons:
             reasons = ["the file does not say why; calibrate again"]
         return tuple(reasons)

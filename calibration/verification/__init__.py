@@ -5,6 +5,6 @@
 """
 
 from calibration.verification.drift import Drift, ScanLikelihood, judge_drift
-from calibration.verification.verification import Verification, VerifiedView, verify
+from calibration.verification.verification import Verification, VerificationView, verify
 
-__all__ = ["Drift", "ScanLikelihood", "Verification", "VerifiedView", "judge_drift", "verify"]
+__all__ = ["Drift", "ScanLikelihood", "Verification", "VerificationView", "judge_drift", "verify"]

@@ -10,6 +10,7 @@ second test detects a camera that was knocked later, even if the knock cancels a
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,23 +61,24 @@ class Drift:
     """Probability of an average error at least as large as the measured error, if no drift exists."""
     drifted: bool
     """True if the p-value is below `MAX_P_VALUE`, whichever single scan is excluded."""
-    from_first: bool = False
-    """Reference of `error`: the first scans if True, the calibration if False."""
+    reference: Literal["calibration", "first-scans"] = "calibration"
+    """Reference of `error`: the pose in the calibration, or in the first scans with this calibration."""
 
     @property
-    def off_m(self) -> float:
-        """Distance of the camera from its reference position, metres. `from_first` names the reference."""
+    def deviation_m(self) -> float:
+        """Distance of the camera from its reference position, metres. `reference` names the reference."""
         return float(np.linalg.norm(self.error[3:]))
 
     @property
-    def off_rad(self) -> float:
-        """Rotation of the camera from its reference orientation, radians. `from_first` names the reference."""
+    def deviation_rad(self) -> float:
+        """Rotation of the camera from its reference orientation, radians. `reference` names the reference."""
         return float(np.linalg.norm(self.error[:3]))
 
     @property
     def message(self) -> str:
         """Result and advice for the operator."""
-        size = f"{self.off_m * 1000:.1f} mm and {np.degrees(self.off_rad):.2f} degrees"
+        size = f"{self.deviation_m * 1000:.1f} mm and {np.degrees(self.deviation_rad):.2f} degrees"
+        put_by = "the hand-eye" if self.reference == "calibration" else "the first scans with this"
         scans = f"{self.scans} scans"
         if not self.drifted and self.scans < MIN_SCANS:
             there_are = f"there {'is' if self.scans == 1 else 'are'} {self.scans or 'none'}"
@@ -93,9 +95,8 @@ class Drift:
         if not self.drifted:
             return f"the last {scans} agree with the calibration: the camera is {size} off, which noise explains"
         return (
-            f"the calibration has drifted: by the last {scans} the camera is {size} from where "
-            f"{'the first scans with this' if self.from_first else 'the hand-eye'} calibration put it, more than "
-            "noise can explain: check that camera and bracket are tight, then calibrate again"
+            f"the calibration has drifted: by the last {scans} the camera is {size} from where {put_by} calibration "
+            "put it, more than noise can explain: check that camera and bracket are tight, then calibrate again"
         )
 
 
@@ -127,7 +128,7 @@ def judge_drift(
         reference = np.linalg.solve(information, np.mean([scan.vector for scan in first], axis=0))
         knocked = _test(scans[-LATEST_SCANS:], reference, np.linalg.inv(information))
         if knocked.drifted:
-            return replace(knocked, from_first=True)
+            return replace(knocked, reference="first-scans")
     return _test(scans[-MAX_SCANS:], np.zeros(6), covariance)
 
 

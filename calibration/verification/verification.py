@@ -41,39 +41,39 @@ moved by 3 mm shows the board at positions 1 mm apart."""
 
 
 @dataclass(frozen=True)
-class VerifiedView:
+class VerificationView:
     """Deviation of the board in one view from its pose during the calibration."""
 
     name: str
     """Name of the view."""
-    off_m: float
+    deviation_m: float
     """Distance of the middle of the board from its position during the calibration, metres."""
-    off_rad: float
+    deviation_rad: float
     """Rotation of the board from its orientation during the calibration, radians."""
     expected_m: float
-    """Expected root mean square of `off_m`, from the covariance of the calibration and from the noise, metres."""
+    """Expected root mean square of `deviation_m`, from the covariance of the calibration and from the noise, metres."""
     expected_rad: float
-    """Expected root mean square of `off_rad`, radians."""
+    """Expected root mean square of `deviation_rad`, radians."""
 
 
 @dataclass(frozen=True)
 class Verification:
     """Result of a verification."""
 
-    views: tuple[VerifiedView, ...]
+    views: tuple[VerificationView, ...]
     """Deviations in the views with a board pose."""
-    worst_m: float
-    """Largest `off_m`; NaN without views."""
+    max_deviation_m: float
+    """Largest `deviation_m`; NaN without views."""
     expected_m: float
     """Largest `expected_m`; NaN without views."""
-    worst_rad: float
-    """Largest `off_rad`; NaN without views."""
+    max_deviation_rad: float
+    """Largest `deviation_rad`; NaN without views."""
     expected_rad: float
     """Largest `expected_rad`; NaN without views."""
-    board_moved_m: float | None
+    board_displacement_m: float | None
     """Distance by which the board was moved, metres; None if the views do not show that the board was moved."""
-    board_turned_rad: float | None
-    """Rotation of the board about its normal, radians; None if `board_moved_m` is None."""
+    board_rotation_rad: float | None
+    """Rotation of the board about its normal, radians; None if `board_displacement_m` is None."""
     passed: bool
     """Whether the calibration still holds. A moved board does not contradict the calibration."""
     message: str
@@ -111,10 +111,10 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
         each.own_covariance + each.J_prediction @ predicted.covariance @ each.J_prediction.T for each in observations
     ]
     rows = tuple(
-        VerifiedView(
+        VerificationView(
             name=name,
-            off_m=float(np.linalg.norm(each.deviation[3:])),
-            off_rad=float(np.linalg.norm(each.deviation[:3])),
+            deviation_m=float(np.linalg.norm(each.deviation[3:])),
+            deviation_rad=float(np.linalg.norm(each.deviation[:3])),
             expected_m=float(np.sqrt(np.trace(covariance[3:, 3:]))),
             expected_rad=float(np.sqrt(np.trace(covariance[:3, :3]))),
         )
@@ -126,15 +126,15 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
     by_noise = np.sqrt(_chi2_limit(3, predicted, 2 * len(rows) + 1) / 3) * expected
     verification = Verification(
         views=rows,
-        worst_m=max(row.off_m for row in rows),
+        max_deviation_m=max(row.deviation_m for row in rows),
         expected_m=expected,
-        worst_rad=max(row.off_rad for row in rows),
+        max_deviation_rad=max(row.deviation_rad for row in rows),
         expected_rad=max(row.expected_rad for row in rows),
-        board_moved_m=None,
-        board_turned_rad=None,
+        board_displacement_m=None,
+        board_rotation_rad=None,
         passed=not displaced,
-        message=f"the board appears where it lay, at most {_mm(max(row.off_m for row in rows))} off; noise explains up "
-        f"to about {_mm(by_noise)}",
+        message=f"the board appears where it lay, at most {_mm(max(row.deviation_m for row in rows))} off; noise "
+        f"explains up to about {_mm(by_noise)}",
     )
     return _explain(verification, observations, displacement, predicted) if displaced else verification
 
@@ -153,9 +153,9 @@ def verification_findings(verification: Verification) -> tuple[Finding, ...]:
     if not verification.views:
         message = f"{verification.message}, so the calibration is not verified: run a verification, or calibrate again"
         return (Finding("not-verified", message, False),)
-    if verification.passed and verification.board_moved_m is None:
+    if verification.passed and verification.board_displacement_m is None:
         return ()
-    deviation = format_discrepancy(verification.worst_m, verification.worst_rad)
+    deviation = format_discrepancy(verification.max_deviation_m, verification.max_deviation_rad)
     expected = format_discrepancy(verification.expected_m, verification.expected_rad)
     message = (
         f"in the views that were held out, the board appears {deviation} off, and about {expected} is expected: check "
@@ -200,7 +200,8 @@ def _explain(
         apart = format_discrepancy(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
         message = f"views from different sides show the board at poses {apart} apart, more than noise: {recalibrate}"
         return replace(verification, message=message)
-    appears = f"the board appears {format_discrepancy(verification.worst_m, verification.worst_rad)} from where it lay"
+    deviation = format_discrepancy(verification.max_deviation_m, verification.max_deviation_rad)
+    appears = f"the board appears {deviation} from where it lay"
     if not _from_two_sides(observations):
         message = (
             f"{appears}: take views from two sides, at least {np.degrees(SIDES_RAD):.0f} degrees apart, to tell "
@@ -225,7 +226,7 @@ def _explain(
         f"the board was {' and '.join(motions)} since the calibration. All views agree on its new pose, so they "
         "confirm the calibration"
     )
-    return replace(verification, board_moved_m=moved, board_turned_rad=turned, passed=True, message=message)
+    return replace(verification, board_displacement_m=moved, board_rotation_rad=turned, passed=True, message=message)
 
 
 def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | None:
@@ -275,12 +276,12 @@ def _not_verified(message: str) -> Verification:
     """Return a failed verification with no views and the given message."""
     return Verification(
         views=(),
-        worst_m=math.nan,
+        max_deviation_m=math.nan,
         expected_m=math.nan,
-        worst_rad=math.nan,
+        max_deviation_rad=math.nan,
         expected_rad=math.nan,
-        board_moved_m=None,
-        board_turned_rad=None,
+        board_displacement_m=None,
+        board_rotation_rad=None,
         passed=False,
         message=message,
     )

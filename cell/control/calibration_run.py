@@ -45,7 +45,7 @@ class BoardObservation:
 
     corners: int
     """Number of detected corners."""
-    possible: int
+    board_corners: int
     """Number of corners of the board."""
     rms_px: float | None
     """Root mean square reprojection error per coordinate for the best pose of this image alone, or None without one."""
@@ -165,7 +165,7 @@ def observe_board(view: BoardView, setup: Setup) -> BoardObservation:
     cells = (view.pixels / setup.image_size * grid).astype(np.int64).clip(0, (GRID_COLUMNS - 1, GRID_ROWS - 1))
     return BoardObservation(
         corners=len(view.ids),
-        possible=len(setup.board.points),
+        board_corners=len(setup.board.points),
         rms_px=rms_px if np.isfinite(rms_px) else None,
         cells=tuple(np.unique(cells @ (1, GRID_COLUMNS)).tolist()),
     )

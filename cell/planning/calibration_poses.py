@@ -139,7 +139,7 @@ def plan_verification(
         _Direction(Bearing(across + np.pi, _NEAR_ELEVATION_RAD, -_FAR_ROLL_RAD), distances.near_m, distances.range_m),
     ]
     plan = _plan(settings, view_target, preferred, q_now_rad)
-    if plan.reached < len(preferred):
+    if plan.reachable < len(preferred):
         raise ViewpointsError(
             "a calibration is verified from two sides of the board, and the arm does not reach both: change x_m or "
             f"y_m in [workspace]. Not reached are {describe_missing(plan)}"

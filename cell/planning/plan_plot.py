@@ -82,7 +82,8 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     space.set_box_aspect(None, zoom=1.15)
     flat.set_title("from above", fontsize=10)
     figure.suptitle(
-        f"{settings.arm.model}: {plan.reached} of {len(plan.viewpoints)} viewpoints, travel {plan.travel_rad:.1f} rad. "
+        f"{settings.arm.model}: {plan.reachable} of {len(plan.viewpoints)} viewpoints, "
+        f"travel {plan.travel_rad:.1f} rad. "
         "Bold: the viewpoint's index, and when it is taken; grey: home; orange: the workspace"
     )
     notes = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]

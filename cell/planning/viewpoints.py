@@ -86,7 +86,7 @@ class ViewpointPlan:
     """What an operator should know about a plan that can be executed nevertheless."""
 
     @property
-    def reached(self) -> int:
+    def reachable(self) -> int:
         """Number of reachable viewpoints."""
         return sum(viewpoint.q_rad is not None for viewpoint in self.viewpoints)
 
@@ -96,12 +96,12 @@ class ViewpointPlan:
 
         It is None if all parts are covered, if no viewpoint is reachable, and for a calibration.
         """
-        return coverage_message(self.coverage) if self.reached and not self.held_out else None
+        return coverage_message(self.coverage) if self.reachable and not self.held_out else None
 
     def to_json(self) -> dict[str, Any]:
         """Return the plan as a JSON object."""
         return {
-            "reached": self.reached,
+            "reachable": self.reachable,
             "viewpoints": [
                 {
                     "index": v.index,
@@ -128,7 +128,7 @@ class ViewpointPlan:
             "start_q_rad": self.start_q_rad.round(9).tolist(),
             "home_q_rad": self.home_q_rad.round(9).tolist(),
             "travel_rad": round(self.travel_rad, 6),
-            "coverage": {"share": round(self.coverage.covered_share, 4), "warning": self.unseen},
+            "coverage": {"fraction": round(self.coverage.covered_share, 4), "warning": self.unseen},
             "planning_s": round(self.planning_s, 3),
             "held_out": list(self.held_out),
             "warnings": list(self.warnings),
@@ -208,9 +208,9 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
     Raises:
         ViewpointsError: Fewer than `min_views` are reachable. The message names the others with their reasons.
     """
-    if plan.reached < min_views:
+    if plan.reachable < min_views:
         raise ViewpointsError(
-            f"only {plan.reached} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
+            f"only {plan.reachable} of {len(plan.viewpoints)} viewpoints can be reached, {min_views} are needed: "
             "change x_m, y_m or top_m in [workspace] so that the arm reaches around it, or lower min_views in [scan]. "
             f"Not reached are {describe_missing(plan)}"
         )

@@ -63,11 +63,11 @@ def robot(context: CheckContext) -> CheckResult:
         info = preflight.read_identity(link)
         against = list(preflight.find_driving_errors(link, info, context.settings.arm.model))
         modes = f"{preflight.robot_mode(link)}, safety {preflight.safety_mode(link)}".replace("_", " ")
-    words = f"{info.model}, serial number {info.serial}, software {info.software}, {modes}"
+    message = f"{info.model}, serial number {info.serial}, software {info.software}, {modes}"
     if against:
-        return failed(name, against, words)
+        return failed(name, against, message)
     context.arm = info
-    return ok(name, words + ", in remote control, no program", _software_warnings(info.software))
+    return ok(name, message + ", in remote control, no program", _software_warnings(info.software))
 
 
 def connection(context: CheckContext) -> CheckResult:
@@ -96,15 +96,15 @@ def kinematics(context: CheckContext) -> CheckResult:
     assert state is not None
     apart = inverse(forward(model, state.q_rad)) @ state.T_base_flange
     far_m, turned_rad = float(np.linalg.norm(apart[:3, 3])), rotation_angle(apart)
-    words = (
+    message = (
         f"the flange is {1000 * far_m:.2f} mm and {np.rad2deg(turned_rad):.2f} degrees from that of a nominal {model}"
     )
     if far_m > OTHER_ARM_M or turned_rad > OTHER_ARM_RAD:
-        return CheckResult(name, "failed", words, "set arm.model to the arm that stands there")
+        return CheckResult(name, "failed", message, "set arm.model to the arm that stands there")
     if far_m > CALIBRATED_M or turned_rad > CALIBRATED_RAD:
         advice = "viewpoints are planned with the nominal arm: leave more room in mounting.clearance_m"
-        return CheckResult(name, "warning", words + ", more than calibration usually makes", advice)
-    return ok(name, words)
+        return CheckResult(name, "warning", message + ", more than calibration usually makes", advice)
+    return ok(name, message)
 
 
 def _software_warnings(version: str) -> list[str]:

@@ -34,13 +34,13 @@ def camera(context: CheckContext) -> CheckResult:
 
 def camera_found(info: CameraInfo) -> CheckResult:
     """Return the result for what a camera reports about itself."""
-    words = f"{info.product} {info.device_id}, {info.width}x{info.height}, {info.connection}"
+    message = f"{info.product} {info.device_id}, {info.width}x{info.height}, {info.connection}"
     warnings = list(info.warnings)
     if info.temperature_c is not None:
-        words += f", {info.temperature_c:.0f} degrees C"
+        message += f", {info.temperature_c:.0f} degrees C"
         if info.temperature_c > HOT_C:
             warnings.append("that is hot: give the camera air, or screw it to metal")
-    return ok("camera", words, warnings)
+    return ok("camera", message, warnings)
 
 
 def frame(context: CheckContext) -> CheckResult:
@@ -80,7 +80,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     measured = got.depth[got.depth > 0] * got.depth_unit_m
     share = measured.size / got.depth.size
     low, middle, high = np.quantile(measured, (0.05, 0.5, 0.95)) if measured.size else (0.0, 0.0, 0.0)
-    words = (
+    message = (
         f"median of {got.exposures} exposures, {age_s:.1f} s old: {100 * share:.0f} % of the pixels measured, "
         f"{low:.2f} to {high:.2f} m away"
     )
@@ -99,7 +99,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
             f"its field of view is {angle:.0f} degrees, and viewpoints are planned for {planned_angle:.0f}: set "
             "camera.product, and camera.working_m to the distances that suit it"
         )
-    return ok(DEPTH_IMAGE, words, warnings)
+    return ok(DEPTH_IMAGE, message, warnings)
 
 
 def _looks_elsewhere(context: CheckContext) -> bool:

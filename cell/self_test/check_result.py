@@ -20,7 +20,7 @@ class CheckResult:
     """Name of the check."""
     outcome: Outcome
     """Outcome of the check."""
-    words: str
+    message: str
     """What was found, or why the check was skipped."""
     what_to_do: str | None = None
     """Advice for a person at the cell, or None if nothing is wrong."""
@@ -48,18 +48,18 @@ class CheckContext:
     """Active calibration."""
 
 
-def ok(name: str, words: str, warnings: Sequence[str] = ()) -> CheckResult:
+def ok(name: str, message: str, warnings: Sequence[str] = ()) -> CheckResult:
     """Return the result of a passed check. Each warning says what is wrong and, after a colon, what to do."""
     if not warnings:
-        return CheckResult(name, "ok", words)
+        return CheckResult(name, "ok", message)
     reasons, advice = _split_messages(warnings)
-    return CheckResult(name, "warning", f"{words}; but {reasons}", advice)
+    return CheckResult(name, "warning", f"{message}; but {reasons}", advice)
 
 
-def failed(name: str, errors: Sequence[Exception], words: str = "") -> CheckResult:
+def failed(name: str, errors: Sequence[Exception], message: str = "") -> CheckResult:
     """Return the result of a failed check. Each error says what is wrong and, after a colon, what to do."""
     reasons, advice = _split_messages([str(error) for error in errors])
-    return CheckResult(name, "failed", f"{words}; but {reasons}" if words else reasons, advice)
+    return CheckResult(name, "failed", f"{message}; but {reasons}" if message else reasons, advice)
 
 
 def _split_messages(messages: Sequence[str]) -> tuple[str, str | None]:

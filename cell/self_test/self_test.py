@@ -61,7 +61,7 @@ def check_cell(settings: CellSettings) -> Iterator[CheckResult]:
 def _configuration(context: CheckContext) -> CheckResult:
     settings = context.settings
     arm, camera, scan = settings.arm, settings.camera, settings.scan
-    words = [
+    parts = [
         f"{'simulated ' if isinstance(arm, SimulatedArm) else ''}{arm.model}"
         + (f" at {arm.host}" if arm.host is not None else ""),
         camera.summary,
@@ -75,4 +75,4 @@ def _configuration(context: CheckContext) -> CheckResult:
             f"arm.flange_speed_m_s is above {REDUCED_M_S:g}: keep people out of the cell by other means, the software "
             "is no safeguard at any speed"
         )
-    return ok("configuration", ", ".join(words), warnings)
+    return ok("configuration", ", ".join(parts), warnings)

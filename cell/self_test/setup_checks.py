@@ -44,10 +44,10 @@ def calibration(context: CheckContext) -> CheckResult:
         return ok(name, "that of the simulated cell")
     context.hand_eye = hand_eye
     T = hand_eye.T_flange_camera
-    words = f"{file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
+    message = f"{file}: the camera is {1000 * np.linalg.norm(T[:3, 3]):.0f} mm from the flange"
     if hand_eye.created is not None:
-        words += f", measured {(now - hand_eye.created).total_seconds() / 86400:.1f} days ago"
-    return ok(name, words, hand_eye.warnings)
+        message += f", measured {(now - hand_eye.created).total_seconds() / 86400:.1f} days ago"
+    return ok(name, message, hand_eye.warnings)
 
 
 def table(context: CheckContext) -> CheckResult:
@@ -74,16 +74,16 @@ def table(context: CheckContext) -> CheckResult:
             "is neither covered nor mirroring",
         )
     tilt = f"{np.rad2deg(seen.tilt_rad):.2f} degrees"
-    words = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
+    message = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
     off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
     if off > MISPLACED:
         return CheckResult(
-            name, "failed", words, "correct mounting.table_z_m; if it is right, calibrate the cell again"
+            name, "failed", message, "correct mounting.table_z_m; if it is right, calibrate the cell again"
         )
     if off > 1.0:
         advice = "measure mounting.table_z_m again; if it is right, calibrate the cell again"
-        return ok(name, words, [f"that is more than recognition corrects in a view: {advice}"])
-    return ok(name, words)
+        return ok(name, message, [f"that is more than recognition corrects in a view: {advice}"])
+    return ok(name, message)
 
 
 def viewpoints(context: CheckContext) -> CheckResult:
@@ -98,17 +98,17 @@ def viewpoints(context: CheckContext) -> CheckResult:
     plan = plan_viewpoints(context.settings, T_flange_camera, q_rad)
     skipped = {viewpoint.index: viewpoint.reason for viewpoint in plan.viewpoints if viewpoint.reason is not None}
     start = "home" if q_rad is None else "where the arm stands"
-    words = f"{plan.reached} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
+    message = f"{plan.reachable} of {len(plan.viewpoints)} reached from {start}, planned in {plan.planning_s:.1f} s"
     unseen = [] if plan.unseen is None else [f"{plan.unseen}: {SHOW_IT_ALL}"]
     if not skipped:
-        return ok(name, words, unseen)
-    words += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
+        return ok(name, message, unseen)
+    message += "; " + "; ".join(f"{index}: {reason}" for index, reason in skipped.items())
     advice = (
         "change x_m, y_m or top_m in [workspace] so that the arm reaches around it; `pointchain viewpoints --picture "
         "plan.png` shows it"
     )
-    if plan.reached < least:
-        return CheckResult(name, "failed", f"{words}; scan.min_views is {least}", advice)
+    if plan.reachable < least:
+        return CheckResult(name, "failed", f"{message}; scan.min_views is {least}", advice)
     if plan.unseen is not None:
-        words, advice = f"{words}; {plan.unseen}", f"{advice}; {SHOW_IT_ALL}"
-    return CheckResult(name, "warning", words, advice)
+        message, advice = f"{message}; {plan.unseen}", f"{advice}; {SHOW_IT_ALL}"
+    return CheckResult(name, "warning", message, advice)

@@ -8,7 +8,7 @@ from typing import Annotated
 from fastapi import Depends, Header, Request
 from pydantic import BaseModel
 
-from service.api.schemas.scans import Reprocess
+from service.api.schemas.scans import ReprocessRequest
 from service.jobs.submission import Requester
 from service.problems.problem_error import ProblemError
 from service.security.auth.caller import caller_of
@@ -29,9 +29,9 @@ def body_hash(path: str, body: BaseModel) -> str:
     """Return the SHA-256 of a request, from its path and the values of its body.
 
     The order of members, spaces, the notation of numbers, and defaults that are written out make no difference. In a
-    `Reprocess`, an absent member means the value of the first scan, so there it does make a difference.
+    `ReprocessRequest`, an absent member means the value of the first scan, so there it does make a difference.
     """
-    is_reprocess = isinstance(body, Reprocess)
+    is_reprocess = isinstance(body, ReprocessRequest)
     document = [path, body.model_dump(mode="json", exclude_unset=is_reprocess, exclude_defaults=not is_reprocess)]
     return hashlib.sha256(json.dumps(document, sort_keys=True, allow_nan=False).encode()).hexdigest()
 

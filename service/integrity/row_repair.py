@@ -54,7 +54,7 @@ def _scan_changes(db: sqlite3.Connection, values: dict[str, Any]) -> Iterator[di
     yield {name: event[name] for name in ("state", "stage", "fraction") if name in event}
     yield {name: stored(event[name]) for name in ("failure", "summary") if name in event}
     yield {"files": None, "inputs": None}
-    yield {"source": None, "asked_by": None, "calibration_sha256": None}
+    yield {"source": None, "requested_by": None, "calibration_sha256": None}
     yield _failed() | {"summary": None}
 
 

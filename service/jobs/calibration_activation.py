@@ -21,7 +21,7 @@ def why_not_activatable(row: CalibrationRow) -> ServiceError | None:
     if row.result is None:
         return _refusal(row, "not-activatable", f"calibration {row.id} is {row.state}: it has no result to activate")
     if row.result["verdict"] == "refuse":
-        why = "; ".join(finding["words"] for finding in row.result["findings"] if finding["refuses"])
+        why = "; ".join(finding["message"] for finding in row.result["findings"] if finding["blocking"])
         return _refusal(row, "calibration-refused", f"the result must not be used: {why}")
     return None
 
@@ -30,7 +30,7 @@ def _refusal(row: CalibrationRow, slug: str, message: str) -> ServiceError:
     return ServiceError(slug, message, calibration=row.id, state=row.state)
 
 
-def activate_run(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> None:
+def activate_result(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> None:
     """Make the result of the run the active calibration, in one step, and write the time of activation.
 
     Raises:

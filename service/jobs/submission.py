@@ -148,7 +148,7 @@ def new_scan(
         summary=None,
         failure=None,
         source=source,
-        asked_by=requester.name,
+        requested_by=requester.name,
         calibration_sha256=calibration_sha256,
     )
 

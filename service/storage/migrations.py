@@ -104,6 +104,34 @@ UPDATE events SET data = json_remove(json_set(data, '$.failure', CASE
             'message', json_extract(data, '$.problem.detail')) END), '$.problem')
     WHERE kind = 'state' AND json_valid(data);
 """,
+    """
+ALTER TABLE scans RENAME COLUMN asked_by TO requested_by;
+ALTER TABLE calibration_views RENAME COLUMN possible TO board_corners;
+UPDATE calibrations SET result = replace(result, '"words":', '"message":'),
+    verification = replace(verification, '"words":', '"message":');
+UPDATE calibrations SET result = replace(result, '"refuses":', '"blocking":');
+UPDATE calibrations SET result = replace(result, '"left_out_m":', '"loo_error_m":');
+UPDATE calibrations SET result = replace(result, '"eight_views_m":', '"repeatability_95_m":');
+UPDATE calibrations SET result = replace(result, '"off_m":', '"deviation_m":'),
+    verification = replace(verification, '"off_m":', '"deviation_m":');
+UPDATE calibrations SET result = replace(result, '"off_rad":', '"deviation_rad":'),
+    verification = replace(verification, '"off_rad":', '"deviation_rad":');
+UPDATE calibrations SET result = replace(result, '"worst_m":', '"max_deviation_m":'),
+    verification = replace(verification, '"worst_m":', '"max_deviation_m":');
+UPDATE calibrations SET result = replace(result, '"worst_rad":', '"max_deviation_rad":'),
+    verification = replace(verification, '"worst_rad":', '"max_deviation_rad":');
+UPDATE calibrations SET result = replace(result, '"board_moved_m":', '"board_displacement_m":'),
+    verification = replace(verification, '"board_moved_m":', '"board_displacement_m":');
+UPDATE calibrations SET result = replace(result, '"board_turned_rad":', '"board_rotation_rad":'),
+    verification = replace(verification, '"board_turned_rad":', '"board_rotation_rad":');
+UPDATE calibrations SET result = replace(result, '"side":', '"convention":');
+UPDATE calibrations SET result = replace(result, '"K_told":', '"K_given":');
+UPDATE calibrations SET result = replace(result, '"schema_version": 1,', '"schema_version": 2,');
+""",
 )
-"""Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied."""
+"""Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied.
+
+The last script renames members of JSON documents as text. A quote inside a JSON string is escaped, so `"name":` is
+always the name of a member.
+"""
 VERSION = len(MIGRATIONS)

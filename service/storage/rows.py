@@ -46,7 +46,7 @@ class ScanRow:
     failure: Failure | None
     source: str | None = None
     """Id of the scan that this one reprocesses."""
-    asked_by: str | None = None
+    requested_by: str | None = None
     """Name of the token of the requester; None if no token was needed."""
     kept: bool = False
     """A person marked the scan to be kept."""
@@ -123,7 +123,7 @@ class CalibrationViewRow:
     reason: str | None
     corners: int | None
     """Number of corners detected in its image; None if the image was not processed yet."""
-    possible: int | None
+    board_corners: int | None
     changed_at: str
     rms_px: float | None = None
     """RMS distance of the corners from the fitted board, pixels, each coordinate."""

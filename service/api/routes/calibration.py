@@ -16,7 +16,7 @@ from service.api.routes.recordings import BINARY
 from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
 from service.api.schemas.calibration_resources import calibration_in_use, calibration_warnings, run_resource
-from service.jobs.calibration_activation import activate_run
+from service.jobs.calibration_activation import activate_result
 from service.jobs.calibration_job import picture_file, run_folder
 from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
@@ -44,7 +44,7 @@ _ACTIVATE = (
     "calibration-of-the-future", "calibration-refused", "calibration-stale", "calibration-unreadable", "cell-busy",
     "invalid-request", "not-activatable", "result-not-ready",
 )  # fmt: skip
-STARTED = {202: links("get_run", "cancel_run", "activate", "get_picture")}
+STARTED = {202: links("get_run", "cancel_run", "activate_run", "get_run_image")}
 
 
 @router.get("", responses=problem_responses())
@@ -65,7 +65,7 @@ def get_calibration(service: Service) -> CalibrationStatus:
         calibration=calibration,
         reason=reason,
         warnings=calibration_warnings(hand_eye, drift, service.store.calibrations),
-        under_way=None if running is None else f"{RUNS}/{running}",
+        active_run=None if running is None else f"{RUNS}/{running}",
     )
 
 
@@ -75,18 +75,18 @@ def get_calibration(service: Service) -> CalibrationStatus:
     dependencies=[REQUIRE_SPACE],
     responses=STARTED | problem_responses(*_SUBMIT, "calibration-board", "invalid-request"),
 )
-def start_run(response: Response, service: Service, wanted: CalibrationRequest | None = None) -> RunResource:
+def start_run(response: Response, service: Service, body: CalibrationRequest | None = None) -> RunResource:
     """Start a calibration. The arm moves through poses from which the camera sees the board.
 
     The board must lie flat on the table in the middle of the workspace. The result is not used until it is activated.
     Only one job runs at a time: 409 names the running one.
     """
-    wanted = wanted or CalibrationRequest()
+    body = body or CalibrationRequest()
     try:
-        board = (wanted.board or BoardRequest()).board()
+        board = (body.board or BoardRequest()).board()
     except BoardError as error:
         raise ProblemError(error.slug, str(error)) from error
-    row = service.jobs.submit.calibration(board, wanted.poses, arrival_time())
+    row = service.jobs.submit.calibration(board, body.poses, arrival_time())
     response.headers["Location"] = f"{RUNS}/{row.id}"
     return run_resource(row, ())
 
@@ -135,13 +135,13 @@ async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (th
 
 
 @router.post("/runs/{id}/activate", responses=problem_responses(*_ACTIVATE))
-def activate(run: Run, service: Service) -> RunResource:
+def activate_run(run: Run, service: Service) -> RunResource:
     """Make the result the calibration in use, from the next scan on.
 
     The previous calibration is kept beside it. A result cannot be activated while a job is running.
     """
     with service.jobs.exclusive():
-        activate_run(run, service.store.calibrations, service.cell)
+        activate_result(run, service.store.calibrations, service.cell)
     return get_run(_find(run.id, service), service)
 
 
@@ -153,7 +153,7 @@ PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
     response_class=FileResponse,
     responses=PNG | problem_responses("calibration-not-found", "no-result", "invalid-request"),
 )
-def get_picture(run: Run, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:
+def get_run_image(run: Run, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:
     """Return the image that was captured at a view."""
     path = picture_file(run_folder(service.cell, run.id), index)
     if path is None:

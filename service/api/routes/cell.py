@@ -14,7 +14,7 @@ from service.api.routes.recordings import BINARY
 from service.api.schemas.calibration import CellWarning
 from service.api.schemas.calibration_resources import calibration_warnings, recent_drift, usable_hand_eye
 from service.api.schemas.cell import CellResource, PlanRequest, cell_resource
-from service.api.schemas.cell_geometry import RoomResource, room_resource
+from service.api.schemas.cell_geometry import CellGeometry, cell_geometry
 from service.api.schemas.viewpoint_plan import PlanDocument
 from service.logs.request_time import arrival_time
 
@@ -30,17 +30,17 @@ async def get_cell(service: Service) -> Response:
     return json_response(_resource(service, in_use))
 
 
-@router.get("/cell/room", response_model=RoomResource, responses=problem_responses())
-async def get_room(service: Service) -> Response:
+@router.get("/cell/geometry", response_model=CellGeometry, responses=problem_responses())
+async def get_geometry(service: Service) -> Response:
     """Return the constant geometry of the cell, for drawing it: workspace, table, obstacles and the shape of the arm.
 
     The answer also has the settings of scans, calibration age and gripper. No device is contacted.
     """
 
     def read() -> Response:
-        return json_response(room_resource(service.config, usable_hand_eye(service.cell)))
+        return json_response(cell_geometry(service.config, usable_hand_eye(service.cell)))
 
-    return await service.response_cache.respond("room", read)
+    return await service.response_cache.respond("geometry", read)
 
 
 @router.post("/cell/connect", responses=problem_responses(*CELL, "not-ready"))
@@ -98,9 +98,9 @@ def acknowledge_fault(service: Service) -> CellResource:
     response_model=PlanDocument,
     responses=problem_responses("calibration", "config", "invalid-request", "viewpoints-unreachable"),
 )
-async def plan_viewpoints(service: Service, wanted: PlanRequest | None = None) -> Any:
+async def plan_viewpoints(service: Service, body: PlanRequest | None = None) -> Any:
     """Plan the viewpoints: which can be reached or why not, their order, and the path. Nothing moves."""
-    views = wanted.views if wanted else None
+    views = body.views if body else None
     return await to_thread.run_sync(lambda: service.cell.plan(views).to_json(), limiter=service.planning)
 
 
@@ -112,7 +112,7 @@ PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
     response_class=Response,
     responses=PNG | problem_responses("calibration", "config", "invalid-request", "viewpoints-unreachable"),
 )
-async def draw_viewpoints(service: Service, views: ViewCount = None) -> Response:
+async def get_plan_image(service: Service, views: ViewCount = None) -> Response:
     """Return a drawing of the planned viewpoints."""
 
     def draw() -> bytes:

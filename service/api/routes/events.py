@@ -101,7 +101,7 @@ def _event_schema(names: tuple[str, ...]) -> dict[str, Any]:
     responses=_responses((*CHANGES, "scan"), SCAN_DATA, "scan-not-found")
     | {204: {"description": "The scan has ended, and the client has all its events"}},
 )
-async def follow_scan(
+async def stream_scan_events(
     request: Request, stream: Annotated[ScanStreamStart, Depends(_start_scan_stream)], service: Service
 ) -> Response:
     """Stream the changes of a scan as server-sent events. The stream ends with the final state.
@@ -125,7 +125,7 @@ async def follow_scan(
     response_class=EventStream,
     responses=_responses((*CHANGES, "cell"), ALL_DATA),
 )
-async def follow_all(
+async def stream_events(
     request: Request, stream: Annotated[AllStreamStart, Depends(_start_all_stream)], service: Service
 ) -> Response:
     """Stream the changes of all scans and of the cell as server-sent events, without an end.

@@ -65,7 +65,7 @@ def _run_checks(service: Context) -> ReadinessChecks:
 def _failed_checks(checks: ReadinessChecks) -> list[str]:
     """Return a message for each check that failed."""
     named = {"store": checks.store, "recognition": checks.recognition, "disk": checks.disk, "service": checks.service}
-    return [f"{name}: {check.words}" for name, check in named.items() if not check.ok]
+    return [f"{name}: {check.message}" for name, check in named.items() if not check.ok]
 
 
 def _reason_for_no_requests(service: Context) -> str | None:
@@ -96,8 +96,8 @@ def _store(database: Database) -> ReadinessCheck:
                 db.execute(f"PRAGMA busy_timeout = {original_ms}")
     except sqlite3.Error as error:
         log.warning("the store cannot be written: %s", error)
-        return ReadinessCheck(ok=False, words=f"it accepts no changes: {error}")
-    return ReadinessCheck(ok=True, words="it accepts changes")
+        return ReadinessCheck(ok=False, message=f"it accepts no changes: {error}")
+    return ReadinessCheck(ok=True, message="it accepts changes")
 
 
 def _disk(service: Context) -> ReadinessCheck:
@@ -105,10 +105,10 @@ def _disk(service: Context) -> ReadinessCheck:
     try:
         free = shutil.disk_usage(service.store.folder.root).free
     except OSError as error:
-        return ReadinessCheck(ok=False, words=f"the data folder cannot be read: {error.strerror or error}")
+        return ReadinessCheck(ok=False, message=f"the data folder cannot be read: {error.strerror or error}")
     status = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB are needed"
-    return ReadinessCheck(ok=free >= needed, words=status)
+    return ReadinessCheck(ok=free >= needed, message=status)
 
 
-def _check(reason: str | None, words: str) -> ReadinessCheck:
-    return ReadinessCheck(ok=reason is None, words=reason or words)
+def _check(reason: str | None, message: str) -> ReadinessCheck:
+    return ReadinessCheck(ok=reason is None, message=reason or message)

@@ -16,7 +16,14 @@ from service.api.response_cache import json_response
 from service.api.routes.recordings import require_recording_file
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.scan_resource import scan_resource, scan_resources
-from service.api.schemas.scans import Keep, LiveScan, Reprocess, ScanList, ScanRequest, ScanResource
+from service.api.schemas.scans import (
+    KeepRequest,
+    LiveScanRequest,
+    ReprocessRequest,
+    ScanList,
+    ScanRequest,
+    ScanResource,
+)
 from service.jobs.submission import Requester
 from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
@@ -33,7 +40,7 @@ _SUBMIT = (
 """Problem types of an operation that starts a scan."""
 STARTED = {
     202: links(
-        *("get_scan", "follow_scan", "cancel_scan", "keep_scan", "reprocess_scan"),
+        *("get_scan", "stream_scan_events", "cancel_scan", "keep_scan", "reprocess_scan"),
         *("get_model", "get_grasps", "get_cloud", "get_preview", "get_thumbnail", "get_views", "get_scan_recording"),
     )
 }
@@ -41,30 +48,30 @@ STARTED = {
 
 @router.post("", status_code=202, responses=STARTED | problem_responses(*_SUBMIT, *CELL, "viewpoints-unreachable"))
 def start_scan(
-    wanted: ScanRequest, response: Response, service: Service, scan_caller: RequesterDependency
+    body: ScanRequest, response: Response, service: Service, scan_caller: RequesterDependency
 ) -> ScanResource:
     """Start a scan. The header Location has its address, at which its progress can be read.
 
     Only one job runs at a time: 409 names the running one. A live scan is accepted if arm, camera and calibration are
     ready and enough viewpoints can be reached.
     """
-    requester = scan_caller.requester(wanted)
+    requester = scan_caller.requester(body)
 
     def submit(requested_at: float) -> ScanRow:
-        if isinstance(wanted, LiveScan):
-            radius = check_radius(wanted.string_radius_m, service.config.cell.scan.string_radius_m)
+        if isinstance(body, LiveScanRequest):
+            radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
             service.jobs.raise_if_stopped_since(requested_at)
-            return service.jobs.submit.live(wanted.views, wanted.method, radius, arrival_time(), requester)
-        recording = service.store.recording(wanted.recording)
+            return service.jobs.submit.live(body.views, body.method, radius, arrival_time(), requester)
+        recording = service.store.recording(body.recording)
         if recording is None:
             raise ProblemError(
                 "recording-not-found",
-                f"there is no recording {wanted.recording}; upload it first",
-                recording=wanted.recording,
+                f"there is no recording {body.recording}; upload it first",
+                recording=body.recording,
             )
         require_recording_file(service, recording)
-        radius = check_radius(wanted.string_radius_m, recording.string_radius_m)
-        return service.jobs.submit.replay(recording, wanted.method, radius, requester)
+        radius = check_radius(body.string_radius_m, recording.string_radius_m)
+        return service.jobs.submit.replay(recording, body.method, radius, requester)
 
     return _start(response, service, requester, submit)
 
@@ -79,15 +86,15 @@ def reprocess_scan(
     response: Response,
     service: Service,
     scan_caller: RequesterDependency,
-    wanted: Reprocess | None = None,
+    body: ReprocessRequest | None = None,
 ) -> ScanResource:
     """Recognise the recording of a scan again, as a new scan. Nothing moves.
 
     The first scan may have ended in any state, for example `interrupted`. Members that the request omits are as in the
     first scan. A radius of null is measured.
     """
-    wanted = wanted or Reprocess()
-    requester = scan_caller.requester(wanted)
+    body = body or ReprocessRequest()
+    requester = scan_caller.requester(body)
 
     def submit(_: float) -> ScanRow:
         if source.state in ACTIVE_STATES:
@@ -101,9 +108,9 @@ def reprocess_scan(
         if recording is None:
             raise ProblemError("no-result", f"scan {source.id} has no recording", scan=source.id)
         require_recording_file(service, recording)
-        given = "string_radius_m" in wanted.model_fields_set
-        radius = check_radius(wanted.string_radius_m if given else source.string_radius_m, None)
-        return service.jobs.submit.replay(recording, wanted.method or source.method, radius, requester, source.id)
+        given = "string_radius_m" in body.model_fields_set
+        radius = check_radius(body.string_radius_m if given else source.string_radius_m, None)
+        return service.jobs.submit.replay(recording, body.method or source.method, radius, requester, source.id)
 
     return _start(response, service, requester, submit)
 
@@ -142,7 +149,7 @@ async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (
 
 
 @router.put("/{id}/keep", responses=problem_responses("scan-not-found", "too-large", "invalid-request"))
-def keep_scan(id: Id, body: Keep, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
+def keep_scan(id: Id, body: KeepRequest, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Mark a scan to be kept at any age, with its results and its recording; or remove the mark."""
     service.store.keep_scan(id, body.kept)
     return _resource(find_scan(id, service), service)

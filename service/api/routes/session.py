@@ -33,7 +33,7 @@ class SessionResource(ApiModel):
     """Null if no caller is signed in and a token is needed."""
 
 
-class SignIn(ApiModel):
+class SignInRequest(ApiModel):
     """Body of a request to sign in."""
 
     model_config = ConfigDict(extra="forbid")
@@ -50,7 +50,7 @@ async def get_session(request: Request) -> SessionResource:
 
 
 @router.post("", responses=COOKIE | problem_responses("unauthorized", "invalid-request"))
-async def sign_in(request: Request, body: SignIn, response: Response) -> SessionResource:
+async def sign_in(request: Request, body: SignInRequest, response: Response) -> SessionResource:
     """Keep the token in a cookie, which scripts cannot read and the browser sends to this address only."""
     token = body.token.strip()
     caller = _authenticator(request).caller_of_token(token)

@@ -24,7 +24,7 @@ _PROBLEMS = ("scan-not-found", "no-result", "invalid-request", *RECORDING)
 Matrix = list[list[float]]
 
 
-class SeenView(ApiModel):
+class ViewResource(ApiModel):
     """A captured view."""
 
     index: int
@@ -32,34 +32,34 @@ class SeenView(ApiModel):
     K: Matrix
     width: int
     height: int
-    picture: str
+    image: str
     """Address of the depth image, coloured by height above the table."""
 
 
-class SeenViews(ApiModel):
+class ViewList(ApiModel):
     """The views of a scan, in the order of their indices."""
 
-    views: list[SeenView]
+    views: list[ViewResource]
 
 
-@router.get("/{id}/views", response_model=SeenViews, responses=problem_responses(*_PROBLEMS))
+@router.get("/{id}/views", response_model=ViewList, responses=problem_responses(*_PROBLEMS))
 async def get_views(id: Id, service: Service) -> Response:  # noqa: A002 (the path's own name)
     """Return the camera pose of each view that is captured so far."""
 
     def read() -> Response:
         path = _recording(id, service)
         views = [
-            SeenView(
+            ViewResource(
                 index=pose.index,
                 T_base_camera=pose.T_base_camera.tolist(),
                 K=pose.K.tolist(),
                 width=pose.width,
                 height=pose.height,
-                picture=f"{SCANS}/{id}/views/{pose.index}.png",
+                image=f"{SCANS}/{id}/views/{pose.index}.png",
             )
             for pose in ([] if path is None else read_poses(path))
         ]
-        return json_response(SeenViews(views=views))
+        return json_response(ViewList(views=views))
 
     return await service.response_cache.respond(("views", id), read)
 
@@ -69,7 +69,7 @@ PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": BINARY}}}
 
 
 @router.get("/{id}/views/{index}.png", response_class=Response, responses=PNG | problem_responses(*_PROBLEMS))
-async def get_view_picture(id: Id, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002
+async def get_view_image(id: Id, index: Index, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002
     """Return the depth image of a view, coloured by height above the table and cropped to the workspace.
 
     The colours go from blue, 3 mm below the table, to yellow, 27 mm above it. Unmeasured pixels are black.

@@ -30,7 +30,7 @@ class CellWarning(ApiModel):
 
     code: str = Field(examples=["calibration-drift"])
     """Code for programs."""
-    words: str
+    message: str
     """Message for people, with what to do."""
 
 
@@ -86,7 +86,7 @@ class CalibrationView(ApiModel):
     """Why the view is missing, or why the board was not found in it."""
     corners: int | None
     """Number of corners found in the image. Null until the image is searched."""
-    possible: int | None
+    board_corners: int | None
     """Number of corners of the board."""
     rms_px: float | None
     """RMS reprojection error per coordinate, for the board pose that fits this image alone best, pixels.
@@ -99,7 +99,7 @@ class CalibrationView(ApiModel):
     Numbered row by row from 0, the first cell of the top row. All views together give the coverage. Null until
     the image is searched, and in runs of an earlier version.
     """
-    picture: str | None
+    image: str | None
     """Address of the image."""
 
 
@@ -161,23 +161,23 @@ class DriftResource(ApiModel):
 
     scans: int
     """Number of scans in the estimate."""
-    off_m: float
-    """Estimated displacement of the camera from the reference in `off_from`, metres."""
-    off_rad: float
-    """Estimated rotation of the camera from that reference, radians."""
-    off_from: Literal["calibration", "first-scans"]
+    deviation_m: float
+    """Estimated displacement of the camera from `reference`, metres."""
+    deviation_rad: float
+    """Estimated rotation of the camera from `reference`, radians."""
+    reference: Literal["calibration", "first-scans"]
     """The reference. The pose in the calibration, or the pose in the first scans with this calibration."""
-    chance: float
+    p_value: float
     """Probability of an estimate this large without a drift (p-value).
 
     It may be small without a drift being reported, if there are too few scans, or if one scan alone deviates.
     """
     drifted: bool
-    words: str
+    message: str
     """Message for people."""
 
 
-class CalibrationInUse(ApiModel):
+class ActiveCalibration(ApiModel):
     """The hand-eye calibration in use. Values that its file does not have are null."""
 
     T_flange_camera: Matrix
@@ -185,7 +185,7 @@ class CalibrationInUse(ApiModel):
     """Covariance of its error (rx, ry, rz, tx, ty, tz) in the camera frame, radians and metres."""
     sigma_m: float | None
     sigma_rad: float | None
-    eight_views_m: float | None
+    repeatability_95_m: float | None
     verdict: Verdict | None
     findings: list[FindingResource]
     created_at: str | None
@@ -201,10 +201,10 @@ class CalibrationInUse(ApiModel):
 class CalibrationStatus(ApiModel):
     """The hand-eye calibration in use, and the running run."""
 
-    calibration: CalibrationInUse | None
+    calibration: ActiveCalibration | None
     """Null if no calibration is usable."""
     reason: str | None
     """Why no calibration is usable, and what to do."""
     warnings: list[CellWarning]
-    under_way: str | None
+    active_run: str | None
     """Address of the running run."""

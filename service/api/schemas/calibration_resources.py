@@ -14,7 +14,7 @@ from cell.errors import CellError
 from service import clock
 from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import (
-    CalibrationInUse,
+    ActiveCalibration,
     CalibrationProgress,
     CalibrationView,
     CellWarning,
@@ -54,10 +54,10 @@ def calibration_warnings(hand_eye: HandEye | None, drift: Drift | None, store: C
     warnings = []
     verified = None if hand_eye is None else _last_verification(hand_eye, store)
     if verified is not None and verified.verification is not None and not verified.verification["passed"]:
-        words = f"the verification of {verified.ended_at} failed: {verified.verification['words']}"
-        warnings.append(CellWarning(code="verification-failed", words=words))
+        message = f"the verification of {verified.ended_at} failed: {verified.verification['message']}"
+        warnings.append(CellWarning(code="verification-failed", message=message))
     if drift is not None and drift.drifted:
-        warnings.append(CellWarning(code="calibration-drift", words=drift.message))
+        warnings.append(CellWarning(code="calibration-drift", message=drift.message))
     return warnings
 
 
@@ -70,15 +70,15 @@ def _last_verification(hand_eye: HandEye, store: CalibrationStore) -> Calibratio
         return None
 
 
-def calibration_in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
+def calibration_in_use(hand_eye: HandEye, drift: Drift) -> ActiveCalibration:
     """Return the calibration in use and its drift as a document."""
     covariance, created = hand_eye.covariance, hand_eye.created
-    return CalibrationInUse(
+    return ActiveCalibration(
         T_flange_camera=hand_eye.T_flange_camera.tolist(),
         covariance=None if covariance is None else covariance.tolist(),
         sigma_m=None if covariance is None else float(np.sqrt(np.trace(covariance[3:, 3:]))),
         sigma_rad=None if covariance is None else float(np.sqrt(np.trace(covariance[:3, :3]))),
-        eight_views_m=hand_eye.repeatability_95_m,
+        repeatability_95_m=hand_eye.repeatability_95_m,
         verdict=hand_eye.verdict,
         findings=[FindingResource.model_validate(finding) for finding in hand_eye.findings],
         created_at=None if created is None else created.isoformat(),
@@ -90,12 +90,12 @@ def calibration_in_use(hand_eye: HandEye, drift: Drift) -> CalibrationInUse:
         warnings=list(hand_eye.warnings),
         drift=DriftResource(
             scans=drift.scans,
-            off_m=drift.off_m,
-            off_rad=drift.off_rad,
-            off_from="first-scans" if drift.from_first else "calibration",
-            chance=drift.p_value,
+            deviation_m=drift.deviation_m,
+            deviation_rad=drift.deviation_rad,
+            reference=drift.reference,
+            p_value=drift.p_value,
             drifted=drift.drifted,
-            words=drift.message,
+            message=drift.message,
         ),
     )
 
@@ -120,10 +120,10 @@ def run_resource(row: CalibrationRow, views: Sequence[CalibrationViewRow]) -> Ru
                     state=view.state,
                     reason=view.reason,
                     corners=view.corners,
-                    possible=view.possible,
+                    board_corners=view.board_corners,
                     rms_px=view.rms_px,
                     cells=view.cells,
-                    picture=f"{own}/views/{view.view}.png" if view.state == "recorded" else None,
+                    image=f"{own}/views/{view.view}.png" if view.state == "recorded" else None,
                 )
                 for view in views
             ],

@@ -57,7 +57,7 @@ class CameraResource(ApiModel):
     warnings: list[str]
 
 
-class CalibrationResource(ApiModel):
+class CalibrationSummary(ApiModel):
     """The hand-eye calibration in use."""
 
     T_flange_camera: Matrix
@@ -69,7 +69,7 @@ class CalibrationResource(ApiModel):
     warnings: list[str]
 
 
-class MissingViewpoint(ApiModel):
+class UnreachableViewpoint(ApiModel):
     """A viewpoint that the arm cannot reach."""
 
     index: int
@@ -81,7 +81,7 @@ class ViewpointsResource(ApiModel):
 
     planned: int
     reachable: int
-    missing: list[MissingViewpoint]
+    unreachable: list[UnreachableViewpoint]
     warning: str | None
     """The part of the workspace that the reachable viewpoints do not show well, if any."""
 
@@ -97,7 +97,7 @@ class CellResource(ApiModel):
     """The same as a message for people, with what to do."""
     robot: RobotResource
     camera: CameraResource
-    calibration: CalibrationResource | None
+    calibration: CalibrationSummary | None
     """Null until a calibration was loaded."""
     viewpoints: ViewpointsResource | None
     """Null until viewpoints were planned."""
@@ -155,7 +155,7 @@ def cell_resource(
         ),
         calibration=None
         if hand_eye is None
-        else CalibrationResource(
+        else CalibrationSummary(
             T_flange_camera=hand_eye.T_flange_camera.tolist(),
             created_at=None if hand_eye.created is None else hand_eye.created.isoformat(),
             camera_id=hand_eye.camera_id,
@@ -168,8 +168,8 @@ def cell_resource(
         else ViewpointsResource(
             planned=len(plan.viewpoints),
             reachable=sum(viewpoint.reason is None for viewpoint in plan.viewpoints),
-            missing=[
-                MissingViewpoint(index=viewpoint.index, reason=viewpoint.reason)
+            unreachable=[
+                UnreachableViewpoint(index=viewpoint.index, reason=viewpoint.reason)
                 for viewpoint in plan.viewpoints
                 if viewpoint.reason is not None
             ],

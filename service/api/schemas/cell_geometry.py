@@ -17,17 +17,17 @@ from service.config.sections import GripperConfig
 Matrix = list[list[float]]
 
 
-class PartResource(ApiModel):
+class ArmCapsule(ApiModel):
     """A capsule of the arm: all points within a radius of a line segment."""
 
-    part: str
+    name: str
     frames: tuple[int, int]
     """Link frame of each end of the segment, from 0, the base, to 6, the flange."""
     ends_m: tuple[tuple[float, float, float], tuple[float, float, float]]
     radius_m: float
 
 
-class ArmShape(ApiModel):
+class ArmGeometry(ApiModel):
     """The arm with its camera as the collision check uses it, slightly thicker than in reality."""
 
     model: ArmModelName
@@ -37,10 +37,10 @@ class ArmShape(ApiModel):
     """Denavit-Hartenberg length of each link."""
     alpha_rad: list[float]
     """Denavit-Hartenberg twist of each link."""
-    parts: list[PartResource]
+    capsules: list[ArmCapsule]
 
 
-class CameraShape(ApiModel):
+class CameraIntrinsics(ApiModel):
     """The camera model for planning viewpoints. Each view of a scan has its own."""
 
     K: Matrix
@@ -48,7 +48,7 @@ class CameraShape(ApiModel):
     height: int
 
 
-class ScanUsual(ApiModel):
+class ScanDefaults(ApiModel):
     """Defaults and limits of a live scan."""
 
     views: int
@@ -60,7 +60,7 @@ class ScanUsual(ApiModel):
     """Smallest and largest accepted radius."""
 
 
-class RoomResource(ApiModel):
+class CellGeometry(ApiModel):
     """The constant geometry of the cell, and its settings."""
 
     workspace_m: list[tuple[float, float]]
@@ -68,23 +68,23 @@ class RoomResource(ApiModel):
     table_z_m: float
     obstacles_m: list[tuple[tuple[float, float, float], tuple[float, float, float]]]
     """Lowest and highest corner of each box that the arm must not touch."""
-    scan: ScanUsual
+    scan: ScanDefaults
     hand_eye_max_age_days: float
     """An older hand-eye calibration is refused."""
     gripper: GripperConfig
     """The gripper for which grasps are computed."""
-    arm: ArmShape
-    camera: CameraShape
+    arm: ArmGeometry
+    camera: CameraIntrinsics
 
 
-def room_resource(config: ServiceConfig, hand_eye: HandEye | None) -> RoomResource:
+def cell_geometry(config: ServiceConfig, hand_eye: HandEye | None) -> CellGeometry:
     """Return the geometry of the cell. Without a calibration, the shape of the arm excludes the camera."""
     settings = config.cell
     T_flange_camera = np.eye(4) if hand_eye is None else hand_eye.T_flange_camera
     model = collision_model(settings, T_flange_camera)
     arm, optics = ARMS[model.model], settings.camera.optics
     shapes = zip(PARTS, model.part_frames.tolist(), model.part_ends.tolist(), model.part_radii.tolist(), strict=True)
-    return RoomResource.model_validate(
+    return CellGeometry.model_validate(
         {
             "workspace_m": settings.workspace_m,
             "table_z_m": settings.mounting.table_z_m,
@@ -97,8 +97,8 @@ def room_resource(config: ServiceConfig, hand_eye: HandEye | None) -> RoomResour
                 "d_m": arm.d_m,
                 "a_m": arm.a_m,
                 "alpha_rad": ALPHA_RAD,
-                "parts": [
-                    {"part": part, "frames": frames, "ends_m": ends, "radius_m": radius}
+                "capsules": [
+                    {"name": part, "frames": frames, "ends_m": ends, "radius_m": radius}
                     for part, frames, ends, radius in shapes
                     if hand_eye is not None or "camera" not in part
                 ],

@@ -16,7 +16,7 @@ class ReadinessCheck(ApiModel):
     """Result of one readiness check."""
 
     ok: bool
-    words: str
+    message: str
     """Message for people."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.problem import problem_resource
-from service.api.schemas.scans import Progress, ScanLinks, ScanResource, ScanSummary, ViewProgress
+from service.api.schemas.scans import ScanLinks, ScanProgress, ScanResource, ScanSummary, ViewProgress
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.rows import ScanRow, ViewRow
 
@@ -21,7 +21,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         method=row.method,
         string_radius_m=row.string_radius_m,
         state=row.state,
-        progress=Progress(
+        progress=ScanProgress(
             stage=row.stage,
             fraction=row.fraction,
             views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
@@ -31,7 +31,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         ended_at=row.ended_at,
         summary=ScanSummary.model_validate(row.summary) if row.summary else None,
         problem=problem_resource(row.failure, own),
-        asked_by=row.asked_by,
+        requested_by=row.requested_by,
         kept=row.kept,
         calibration_sha256=row.calibration_sha256,
         links=_links(row, own),

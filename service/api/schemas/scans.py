@@ -44,14 +44,14 @@ class _Request(ApiModel):
     method: Method = "graph"
 
 
-class ReplayScan(_Request):
+class ReplayScanRequest(_Request):
     """A scan from a recording."""
 
     mode: Literal["replay"]
     recording: Id
 
 
-class LiveScan(_Request):
+class LiveScanRequest(_Request):
     """A scan by the cell's arm and camera."""
 
     mode: Literal["live"]
@@ -59,7 +59,7 @@ class LiveScan(_Request):
     """Number of viewpoints. Null means as configured."""
 
 
-class Reprocess(ApiModel):
+class ReprocessRequest(ApiModel):
     """Body of a request to recognise the views of a scan again. Omitted members are as in that scan."""
 
     model_config = ConfigDict(extra="forbid")
@@ -69,7 +69,7 @@ class Reprocess(ApiModel):
     method: Method | None = None
 
 
-class Keep(ApiModel):
+class KeepRequest(ApiModel):
     """Whether a scan is kept at any age."""
 
     model_config = ConfigDict(extra="forbid")
@@ -77,7 +77,7 @@ class Keep(ApiModel):
     kept: StrictBool
 
 
-ScanRequest = Annotated[ReplayScan | LiveScan, Field(discriminator="mode")]
+ScanRequest = Annotated[ReplayScanRequest | LiveScanRequest, Field(discriminator="mode")]
 
 
 class RecordingLinks(ApiModel):
@@ -126,7 +126,7 @@ class ViewProgress(ApiModel):
     """Why the view is missing."""
 
 
-class Progress(ApiModel):
+class ScanProgress(ApiModel):
     """Progress of a scan."""
 
     stage: str | None
@@ -178,14 +178,14 @@ class ScanResource(ApiModel):
     string_radius_m: float | None
     """The radius that recognition uses. Null if it is measured."""
     state: ScanState
-    progress: Progress
+    progress: ScanProgress
     created_at: str
     started_at: str | None
     ended_at: str | None
     summary: ScanSummary | None
     problem: Problem | None
     """Why the scan failed, was aborted or interrupted."""
-    asked_by: str | None
+    requested_by: str | None
     """Name of the token that the scan was started with. Null if no token was needed."""
     kept: bool
     """Whether a person has marked the scan to be kept. It is then not removed at any age."""

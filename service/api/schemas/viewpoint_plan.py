@@ -25,7 +25,7 @@ class PlannedViewpoint(ApiModel):
     """The relaxation of the viewpoint that made it reachable."""
 
 
-class Leg(ApiModel):
+class PlanLeg(ApiModel):
     """The path to a viewpoint, or home."""
 
     view: int | None
@@ -38,7 +38,7 @@ class Leg(ApiModel):
 class PlanCoverage(ApiModel):
     """Coverage of the workspace by the images."""
 
-    share: float = Field(ge=0, le=1)
+    fraction: float = Field(ge=0, le=1)
     warning: str | None
     """The part of the workspace that the images do not show well, if any."""
 
@@ -46,10 +46,10 @@ class PlanCoverage(ApiModel):
 class PlanDocument(ApiModel):
     """All viewpoints, and the path through the reachable ones."""
 
-    reached: int
+    reachable: int
     viewpoints: list[PlannedViewpoint]
     """In the order of their indices."""
-    legs: list[Leg]
+    legs: list[PlanLeg]
     """In the order of execution. The last leg leads home."""
     start_q_rad: list[float]
     """Joint angles at the start of the first leg. Home, unless the pose of the arm was known."""

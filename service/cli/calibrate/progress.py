@@ -13,7 +13,7 @@ class CalibrationProgress:
 
     def __init__(self, plan: ViewpointPlan, stop_requested: threading.Event, command: str) -> None:
         self._stop_requested, self._command = stop_requested, command
-        self._views, self._taken = plan.reached, 0
+        self._views, self._taken = plan.reachable, 0
 
     def moving(self, index: int) -> None:
         """Report the next move.
@@ -37,7 +37,7 @@ class CalibrationProgress:
     def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
         """Report that the board was detected in the image."""
         fit = "" if board.rms_px is None else f", {board.rms_px:.2f} px off"
-        found = f"{board.corners} of {board.possible} corners{fit}"
+        found = f"{board.corners} of {board.board_corners} corners{fit}"
         self.report(f"pose {index}: {found}; {coverage:.0%} of the image covered so far")
 
     def not_detected(self, index: int, reason: str) -> None:

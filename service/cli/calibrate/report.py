@@ -63,8 +63,8 @@ def format_verification(verification: Verification) -> str:
         [
             _line("Verified" if verification.passed else "Not verified", verification.message),
             *(
-                f"  {view.name}: the board appears {_mm(view.off_m)} mm and {_degrees(view.off_rad)} degrees off, "
-                f"{_mm(view.expected_m)} mm and {_degrees(view.expected_rad)} degrees are expected"
+                f"  {view.name}: the board appears {_mm(view.deviation_m)} mm and {_degrees(view.deviation_rad)} "
+                f"degrees off, {_mm(view.expected_m)} mm and {_degrees(view.expected_rad)} degrees are expected"
                 for view in verification.views
             ),
         ]

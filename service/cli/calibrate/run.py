@@ -99,7 +99,7 @@ def _calibrate(cell: Cell, stop_requested: threading.Event, board: Board, poses:
     prepared = cell.prepare_calibration(board, time.monotonic(), poses, HELD_OUT)
     plan = prepared.plan
     progress = CalibrationProgress(plan, stop_requested, "run")
-    progress.report(f"{plan.reached} of {len(plan.viewpoints)} poses can be reached")
+    progress.report(f"{plan.reachable} of {len(plan.viewpoints)} poses can be reached")
     for warning in plan.warnings:
         progress.report(warning)
     return run_calibration(cell, prepared, folder, progress)

@@ -86,7 +86,7 @@ def format_step(step: CheckResult) -> str:
     outcome = f"{step.outcome:{OUTCOME_WIDTH}}"
     if sys.stdout.isatty() and "NO_COLOR" not in os.environ:
         outcome = f"\033[{COLOURS[step.outcome]}m{outcome}\033[0m"
-    lines = _wrap(step.words)
+    lines = _wrap(step.message)
     if step.what_to_do is not None:
         lines += [("-> " if k == 0 else "   ") + line for k, line in enumerate(_wrap(step.what_to_do))]
     margin = " " * (OUTCOME_WIDTH + NAME_WIDTH)

@@ -63,7 +63,7 @@ def _table(plan: ViewpointPlan) -> str:
         )
     home = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(plan.home_q_rad))
     lines.append(
-        f"{plan.reached} of {len(plan.viewpoints)} reached, from home ({home}) and back; the leading joints turn by "
+        f"{plan.reachable} of {len(plan.viewpoints)} reached, from home ({home}) and back; the leading joints turn by "
         f"{np.rad2deg(plan.travel_rad):.0f} in all, angles in degrees. Planned in {plan.planning_s:.2f} s."
     )
     if plan.unseen is not None:

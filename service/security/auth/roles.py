@@ -40,7 +40,7 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /metrics": "viewer",
     "GET /api/events": "viewer",
     "GET /api/cell": "viewer",
-    "GET /api/cell/room": "viewer",
+    "GET /api/cell/geometry": "viewer",
     "GET /api/recordings": "viewer",
     "GET /api/recordings/{id}": "viewer",
     "GET /api/recordings/{id}/file": "viewer",

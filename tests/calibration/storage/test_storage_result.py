@@ -129,10 +129,55 @@ def test_the_file_says_in_which_frame_the_covariance_is(tmp_path: Path) -> None:
     document = json.loads(written(tmp_path, result()).read_text())
     assert document["covariance"]["order"] == ["rx", "ry", "rz", "tx", "ty", "tz"]
     assert document["covariance"]["units"] == ["rad"] * 3 + ["m"] * 3
-    assert document["covariance"]["side"].startswith("right, in the camera's frame: X_true = X @ error")
+    assert document["covariance"]["convention"].startswith("right, in the camera's frame: X_true = X @ error")
     assert set(document["frames"]) == {"T_flange_camera", "T_base_board"}
-    assert document["intrinsics"]["K_told"] == K.tolist()
+    assert document["intrinsics"]["K_given"] == K.tolist()
     assert document["board"]["scale_sigma"] == 0.0004
+
+
+def in_version_1(path: Path, **changes: Any) -> Path:
+    """Rewrite the file of a solved calibration as an earlier release wrote it."""
+    document = json.loads(path.read_text()) | {"schema_version": 1} | changes
+    document["covariance"]["side"] = document["covariance"].pop("convention")
+    document["metrics"]["eight_views_m"] = document["metrics"].pop("repeatability_95_m")
+    for finding in document["findings"]:
+        finding["words"], finding["refuses"] = finding.pop("message"), finding.pop("blocking")
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
+    got = load(in_version_1(written(tmp_path, result(WARNING))))
+    assert (got.verdict, got.findings, got.repeatability_95_m) == ("warn", (WARNING,), 7e-4)
+    assert got.covariance is not None
+    np.testing.assert_array_equal(got.covariance, covariance())
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"findings": [as_json(WARNING), as_json(REFUSAL)], "verdict": None}, "views disagree by 4 mm"),
+        ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
+    ],
+)
+def test_a_file_of_version_1_is_refused_for_its_own_reasons(
+    tmp_path: Path, changes: dict[str, Any], expected: str
+) -> None:
+    with pytest.raises(HandEyeRefusedError, match=expected):
+        load(in_version_1(written(tmp_path, result()), **changes))
+
+
+def test_a_covariance_of_version_1_in_another_frame_is_refused(tmp_path: Path) -> None:
+    path = in_version_1(written(tmp_path, result()))
+    path.write_text(path.read_text().replace('"side": "right', '"side": "left'))
+    with pytest.raises(HandEyeInvalidError, match="its convention is 'left"):
+        load(path)
+
+
+def test_version_2_has_no_names_of_version_1(tmp_path: Path) -> None:
+    path = in_version_1(written(tmp_path, result(REFUSAL)), schema_version=2)
+    with pytest.raises(HandEyeInvalidError, match=r"findings\[0\]\.message is missing"):
+        load(path)
 
 
 def test_warnings_go_with_the_calibration(tmp_path: Path) -> None:
@@ -160,7 +205,10 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
             {"findings": [as_json(WARNING), as_json(REFUSAL)]},
             "views disagree by 4 mm",
         ),
-        ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
+        (
+            {"verification": {"passed": False, "message": "the board appears 9 mm off", "views": [{}]}},
+            "appears 9 mm off",
+        ),
         ({"verdict": "refuse"}, "the file does not say why"),
     ],
 )
@@ -170,7 +218,7 @@ def test_a_verdict_alone_is_not_relied_on(tmp_path: Path, changes: dict[str, Any
 
 
 def test_one_that_was_not_verified_may_be_used(tmp_path: Path) -> None:
-    assert load(written(tmp_path, result(), verification={"passed": False, "words": "no view", "views": []}))
+    assert load(written(tmp_path, result(), verification={"passed": False, "message": "no view", "views": []}))
 
 
 def test_an_age_without_a_limit_that_is_a_number_is_no_age(tmp_path: Path) -> None:
@@ -213,20 +261,20 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
             "covariance: its order is ['tx', 'ty', 'tz', 'rx', 'ry', 'rz']; ['rx', 'ry', 'rz', 'tx', 'ty', 'tz'] is",
         ),
         ({"covariance": {"matrix": covariance().tolist(), "units": ["deg"] * 3 + ["mm"] * 3}}, "its units is"),
-        ({"covariance": {"matrix": covariance().tolist(), "side": "left"}}, "its side is 'left'"),
+        ({"covariance": {"matrix": covariance().tolist(), "convention": "left"}}, "its convention is 'left'"),
         ({"joint_covariance": np.eye(6).tolist()}, "joint_covariance[0] is [1.0, 0.0, "),
         ({"joint_covariance": (np.eye(12) - np.ones((12, 12)) / 10).tolist()}, "not a covariance of 12 or 17 errors"),
         ({"intrinsics": {"K": [[800, 1, 640], [0, 800, 400], [0, 0, 1]]}}, "intrinsics.K: a pinhole matrix"),
         ({"intrinsics": {"K": np.zeros((3, 3)).tolist()}}, "intrinsics.K: a pinhole matrix"),
         ({"verdict": "good"}, "verdict is 'good'"),
-        ({"findings": [{"code": "x"}]}, "words is missing"),
+        ({"findings": [{"code": "x"}]}, "message is missing"),
         ({"findings": 3}, "findings is 3; a list"),
         ({"findings": ["bad"]}, "findings[0] is 'bad'; an object"),
         ({"T_base_board": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "T_base_board: the transform is mirrored"),
         ({"board": {"kind": "charuco", "columns": 9}}, "the board has no dictionary"),
         ({"board": BOARD.to_json() | {"pitch_m": 25, "scale": 1.0}}, "looks like millimetres"),
         ({"metrics": {"robot_sigma_m": -1.0}}, "robot_sigma_m is -1.0; a number of at least 0 is needed"),
-        ({"metrics": {"eight_views_m": "1 mm"}}, "eight_views_m is '1 mm'; a number is needed"),
+        ({"metrics": {"repeatability_95_m": "1 mm"}}, "repeatability_95_m is '1 mm'; a number is needed"),
         ({"intrinsics": {"K": [1, 2, 3]}}, "K[0] is 1; a list"),
         ({"T_flange_camera": None}, "T_flange_camera"),
     ],

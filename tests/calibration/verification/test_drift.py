@@ -56,7 +56,7 @@ def test_directions_without_information_count_for_nothing() -> None:
     assert judge_drift([ScanLikelihood(information, information @ shown)] * 4, CALIBRATION).drifted
     nothing = ScanLikelihood(np.zeros((6, 6)), np.zeros(6))
     drift = judge_drift([nothing] * 4, CALIBRATION)
-    assert (drift.p_value, drift.drifted, drift.off_m, drift.off_rad) == (1.0, False, 0.0, 0.0)
+    assert (drift.p_value, drift.drifted, drift.deviation_m, drift.deviation_rad) == (1.0, False, 0.0, 0.0)
 
 
 def test_many_scans_from_the_same_viewpoints_know_no_more_than_one() -> None:
@@ -70,7 +70,7 @@ def test_weak_scans_count_little() -> None:
     strong, weak = scan(np.zeros(6)), scan(np.full(6, 0.01), SCAN_SIGMA * 100)
     drift = judge_drift([strong, weak, weak, weak], CALIBRATION)
     # A ten thousandth of the weight each: 3 micrometres of their 10 mm.
-    assert drift.off_m < 0.0001
+    assert drift.deviation_m < 0.0001
     assert drift.p_value > 0.9
     alone = judge_drift([scan(np.full(6, 0.004))] * 3, CALIBRATION)
     among_weak = judge_drift([scan(np.full(6, 0.004))] * 3 + [scan(np.zeros(6), SCAN_SIGMA * 100)] * 10, CALIBRATION)
@@ -105,7 +105,7 @@ def test_scans_of_which_one_is_wrong_do_not_agree() -> None:
 def test_only_recent_scans_count() -> None:
     drifted, mended = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * MAX_SCANS
     drift = judge_drift(drifted + mended, CALIBRATION)
-    assert (drift.scans, drift.drifted, drift.off_m) == (MAX_SCANS, False, 0.0)
+    assert (drift.scans, drift.drifted, drift.deviation_m) == (MAX_SCANS, False, 0.0)
 
 
 def test_a_camera_that_is_knocked_is_detected_within_some_scans() -> None:
@@ -114,7 +114,7 @@ def test_a_camera_that_is_knocked_is_detected_within_some_scans() -> None:
     assert not judge_drift([*before, knocked], CALIBRATION).drifted
     drift = judge_drift(before + [knocked] * LATEST_SCANS, CALIBRATION)
     assert (drift.drifted, drift.scans) == (True, LATEST_SCANS)
-    assert drift.off_m == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
+    assert drift.deviation_m == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
 
 
 def test_a_knock_that_hides_the_calibrations_own_error_is_detected_by_the_first_scans() -> None:
@@ -123,7 +123,7 @@ def test_a_knock_that_hides_the_calibrations_own_error_is_detected_by_the_first_
     assert not judge_drift(first, CALIBRATION).drifted
     assert not judge_drift(first + latest, CALIBRATION).drifted
     drift = judge_drift(first + latest, CALIBRATION, first)
-    assert (drift.drifted, drift.from_first, drift.scans) == (True, True, LATEST_SCANS)
+    assert (drift.drifted, drift.reference, drift.scans) == (True, "first-scans", LATEST_SCANS)
     np.testing.assert_allclose(drift.error, now - was, rtol=0.03, atol=1e-9)
     assert "from where the first scans" in drift.message
     # Neither with one that is wrong, nor by too few first ones.

@@ -371,7 +371,7 @@ def test_a_camera_that_breaks_its_link_while_it_is_opened_is_told_so() -> None:
         with pytest.raises(CameraUnreachableError) as refused:
             oak.open()
     step = failed("camera", [refused.value])
-    assert step.words == "the camera was found, but the camera does not answer"
+    assert step.message == "the camera was found, but the camera does not answer"
     assert step.what_to_do == "check its cable and power supply (Original message: X_LINK_ERROR)"
 
 

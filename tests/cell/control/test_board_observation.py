@@ -22,7 +22,7 @@ def test_exact_corners_are_where_they_ought_to_be() -> None:
     observations = record(1, 6, NOISE_FREE).observations
     for view in observations.views:
         seen = observe_board(view, Setup.from_observations(observations))
-        assert (seen.corners, seen.possible) == (len(view.ids), 70)
+        assert (seen.corners, seen.board_corners) == (len(view.ids), 70)
         assert seen.rms_px is not None
         assert seen.rms_px < 1e-9
 

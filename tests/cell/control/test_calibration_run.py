@@ -136,7 +136,7 @@ def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun,
     assert off_m < 3 * run.result.sigma_m
     assert run.unused == ()
     assert told.reasons == {}
-    assert {(board.corners, board.possible) for board in told.boards.values()} == {(48, 48)}
+    assert {(board.corners, board.board_corners) for board in told.boards.values()} == {(48, 48)}
     assert told.coverage == sorted(told.coverage)
     # Nobody has solved anything yet: each view by itself, by the camera as it tells of itself.
     assert all(board.rms_px is not None and 0 < board.rms_px < 0.3 for board in told.boards.values())
@@ -147,7 +147,7 @@ def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun,
 def test_it_is_verified_on_the_poses_held_out(done: tuple[CalibrationRun, Told, Path]) -> None:
     verification = done[0].verification
     assert verification.passed
-    assert verification.board_moved_m is None
+    assert verification.board_displacement_m is None
     assert len(verification.views) == 2
     assert not {view.name for view in verification.views} & {view.name for view in done[0].result.views}
 
@@ -399,4 +399,4 @@ def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
             cell, cell.prepare_verification(time.monotonic()), tmp_path / "runs" / "2", Told()
         )
         assert verification.passed
-        assert verification.board_moved_m is None
+        assert verification.board_displacement_m is None

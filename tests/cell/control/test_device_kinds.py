@@ -95,8 +95,8 @@ def test_the_self_test_knows_a_third_kind_of_camera(monkeypatch: pytest.MonkeyPa
     monkeypatch.setitem(CAMERA_KINDS, FileCamera, KIND)
     settings = settings_with(FileCamera(folder=tmp_path), HandEyeSettings(folder=tmp_path))
     steps = {step.name: step for step in check_cell(settings)}
-    assert f"depth images in {tmp_path}" in steps["configuration"].words
-    assert "there are no images in" in steps["camera"].words
+    assert f"depth images in {tmp_path}" in steps["configuration"].message
+    assert "there are no images in" in steps["camera"].message
 
 
 def test_its_errors_cross_from_the_child(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

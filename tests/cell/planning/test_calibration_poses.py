@@ -53,7 +53,7 @@ def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(
     settings, plan = CELLS[cell], planned(cell)
     optics, rng = settings.camera.optics, np.random.default_rng(0)
     points = BOARD.points - BOARD.points.mean(axis=0)
-    assert plan.reached == 17
+    assert plan.reachable == 17
     for v, _ in itertools.product(reached(plan), range(20)):
         yaw, toward, off = rng.uniform(0, 2 * np.pi, 2).tolist() + [OFF_MIDDLE_M]
         c, s = np.cos(yaw), np.sin(yaw)
@@ -128,7 +128,7 @@ def test_the_whole_way_is_free_and_ends_at_each_pose_and_home(cell: int) -> None
 
 def test_other_numbers_of_poses() -> None:
     plan = plan_calibration(DEFAULT, BOARD, T_FLANGE_CAMERA, None, poses=12, held_out=0)
-    assert (plan.reached, plan.held_out, plan.warnings) == (12, (), ())
+    assert (plan.reachable, plan.held_out, plan.warnings) == (12, (), ())
 
 
 def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
@@ -137,13 +137,13 @@ def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
     assert plan.viewpoints[15].q_rad is None
     last = max(v.index for v in reached(plan))
     assert (plan.held_out, plan.warnings) == ((last, 15), ())
-    assert plan.reached - 1 >= 10
+    assert plan.reachable - 1 >= 10
 
 
 def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> None:
     farther_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.67, 1.03)))
     plan = plan_calibration(farther_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
-    assert plan.reached == 10
+    assert plan.reachable == 10
     assert plan.held_out == (15,)
     assert "the calibration will not be verified: change x_m" in plan.warnings[0]
 

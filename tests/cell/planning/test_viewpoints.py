@@ -68,7 +68,7 @@ CELLS = [
 @pytest.mark.parametrize("settings", [DEFAULT, CELLS[3], CELLS[4], cell(middle=(0.0, -0.4)), cell(middle=(-0.36, 0.0))])
 def test_a_workspace_that_fits_the_arm_is_seen_from_all_sides(settings: CellSettings) -> None:
     plan = plan_of(settings)
-    assert plan.reached == 8
+    assert plan.reachable == 8
     assert [v.reason for v in plan.viewpoints] == [None] * 8
     assert sorted(leg.view for leg in plan.legs if leg.view is not None) == list(range(8))
     require_enough(plan, 8)
@@ -160,12 +160,12 @@ def test_what_cannot_be_reached_says_why() -> None:
     missing = {v.index: v.reason for v in plan.viewpoints if v.reason is not None}
     assert 0 in missing
     assert missing[0] == "out of the arm's reach"
-    assert plan.reached == 8 - len(missing)
+    assert plan.reachable == 8 - len(missing)
     with pytest.raises(ViewpointsError, match="0: out of the arm's reach") as refused:
         require_enough(plan, 8)
     assert all(f"{index}: {reason}" in str(refused.value) for index, reason in missing.items())
-    assert f"only {plan.reached} of 8" in str(refused.value)
-    require_enough(plan, plan.reached)
+    assert f"only {plan.reachable} of 8" in str(refused.value)
+    require_enough(plan, plan.reachable)
 
 
 def test_a_wall_is_kept_away_from_and_named() -> None:
@@ -183,7 +183,7 @@ def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace(clearance_m:
     collisions = collision_model(settings, T_FLANGE_CAMERA)
     assert collisions.gaps(low[None])[0, ~collisions.solid].min() < 0
     plan = plan_of(settings, tuple(low))
-    assert plan.reached == 8
+    assert plan.reachable == 8
     assert np.array_equal(plan.start_q_rad, low)
 
 
@@ -229,14 +229,14 @@ def test_it_is_plain_json() -> None:
     taken = document["legs"][0]["view"]
     assert document["legs"][0]["waypoints_rad"][-1] == document["viewpoints"][taken]["q_rad"]
     assert document["travel_rad"] == pytest.approx(sum(leg["travel_rad"] for leg in document["legs"]), abs=1e-4)
-    assert document["reached"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
+    assert document["reachable"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
 
 
 @pytest.mark.parametrize("settings", [DEFAULT, *CELLS[3:]])
 def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> None:
     plan = plan_of(settings)
     assert plan.coverage.covered_share > 0.99
-    assert plan.to_json()["coverage"] == {"share": round(plan.coverage.covered_share, 4), "warning": None}
+    assert plan.to_json()["coverage"] == {"fraction": round(plan.coverage.covered_share, 4), "warning": None}
 
 
 def test_a_workspace_larger_than_the_pictures_is_told() -> None:
@@ -274,7 +274,7 @@ def test_that_nothing_can_be_reached_is_soon_told() -> None:
     # Without an end of the search it takes ten times as long as it does, 1.1 s.
     assert planning_s(settings, None, times=2) < 2.0
     plan = plan_of(settings)
-    assert plan.reached == 0
+    assert plan.reachable == 0
     with pytest.raises(ViewpointsError, match=r"change x_m, y_m or top_m in \[workspace\]"):
         require_enough(plan, 4)
 
@@ -288,7 +288,7 @@ def test_eight_viewpoints_are_planned_within_a_second() -> None:
 def test_other_numbers_of_viewpoints(views: int) -> None:
     settings = DEFAULT.model_copy(update={"scan": ScanSettings(views=views, min_views=2)})
     plan = plan_of(settings)
-    assert plan.reached == len(plan.viewpoints) == views
+    assert plan.reachable == len(plan.viewpoints) == views
     assert len(plan.legs) == views + 1
 
 
@@ -299,7 +299,7 @@ def test_the_picture_shows_every_viewpoint(settings: CellSettings) -> None:
     assert picture.shape[1] > 1000
     red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
     skipped = ((red - green > 0.4) & (red - blue > 0.4) & (green < 0.4)).sum()
-    assert (skipped > 100) == (plan.reached < 8)
+    assert (skipped > 100) == (plan.reachable < 8)
     # The shade of what is not in view is a light red, and in no other place.
     shade = ((red - green > 0.05) & (red - green < 0.3) & (np.abs(green - blue) < 0.08) & (red > 0.85)).sum()
     assert (shade > 5000) == (plan.unseen is not None)

@@ -73,7 +73,7 @@ def robot_step(robot: RunningController, hand_eye_file: Path, **arm: object) -> 
 def test_a_robot_that_may_be_driven(robot: RunningController, hand_eye_file: Path) -> None:
     step = robot_step(robot, hand_eye_file)
     assert (step.outcome, step.what_to_do) == ("ok", None)
-    assert "running, safety normal, in remote control, no program" in step.words
+    assert "running, safety normal, in remote control, no program" in step.message
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ def test_a_robot_that_must_not_be_driven_is_left_alone(
     since = len(robot.admin.log())
     step = robot_step(robot, hand_eye_file)
     assert step.outcome == "failed"
-    assert told in step.words
-    assert step.words.startswith("UR5, serial number "), "who it is, is told all the same"
+    assert told in step.message
+    assert step.message.startswith("UR5, serial number "), "who it is, is told all the same"
     assert advice in (step.what_to_do or "")
     assert "script_upload" not in {event["kind"] for event in robot.admin.log()[since:]}
 
@@ -106,7 +106,7 @@ def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController
     time.sleep(0.05)
     step = robot_step(robot, hand_eye_file, model="ur10e")
     for reason in ("the robot is a UR5, not 'ur10e' as arm.model says", "local mode", "not switched on"):
-        assert reason in step.words
+        assert reason in step.message
     assert step.what_to_do is not None
     assert step.what_to_do.count(";") >= 2
 
@@ -120,7 +120,7 @@ def test_software_is_judged() -> None:
     finally:
         old.close()
     assert step.outcome == "warning"
-    assert "before 5.25.1 anybody in its network can send it commands" in step.words
+    assert "before 5.25.1 anybody in its network can send it commands" in step.message
     assert "update the robot's software" in (step.what_to_do or "")
 
 
@@ -131,7 +131,7 @@ def test_a_connection_gives_fresh_joint_angles(robot: RunningController, hand_ey
     finally:
         context.equipment.close()
     assert step.outcome == "ok"
-    assert "17.2, -97.4, 80.2, -74.5, -85.9, 11.5 degrees" in step.words
+    assert "17.2, -97.4, 80.2, -74.5, -85.9, 11.5 degrees" in step.message
     assert arm_checks.kinematics(context).outcome == "ok"
     assert not {event["kind"] for event in robot.admin.log()} & MOTION
 
@@ -142,7 +142,7 @@ def test_the_arm_model_is_compared_with_the_pose_that_the_controller_tells(off_m
     context.state = state_at(from_rotation_vector((off_m, 0, 0), (0, 0, 0)) @ forward("ur5e", Q_RAD))
     step = arm_checks.kinematics(context)
     assert step.outcome == outcome
-    assert f"{1000 * off_m:.2f} mm and 0.00 degrees" in step.words
+    assert f"{1000 * off_m:.2f} mm and 0.00 degrees" in step.message
 
 
 def test_software_that_drives_the_robot_already_is_told(robot: RunningController, hand_eye_file: Path) -> None:
@@ -153,5 +153,5 @@ def test_software_that_drives_the_robot_already_is_told(robot: RunningController
         assert ours.state().robot_mode == "running", "and it is left alone"
     finally:
         ours.close()
-    assert "another program (rtde_control) is on the robot, playing" in step.words
+    assert "another program (rtde_control) is on the robot, playing" in step.message
     assert "end the software that drives the robot already" in (step.what_to_do or "")

@@ -33,8 +33,8 @@ def test_what_a_camera_says_of_itself_is_judged(
 ) -> None:
     step = camera_checks.camera_found(CameraInfo("OAK-D-PRO", "1944", 640, 400, "USB 3", temperature_c, warnings))
     assert step.outcome == ("ok" if told is None else "warning")
-    assert step.words.startswith("OAK-D-PRO 1944, 640x400, USB 3")
-    assert (told or "") in step.words
+    assert step.message.startswith("OAK-D-PRO 1944, 640x400, USB 3")
+    assert (told or "") in step.message
     assert (step.what_to_do is None) == (told is None)
 
 
@@ -59,5 +59,5 @@ def test_a_depth_image_is_judged(
     K = optics.K @ np.diag([focal, focal, 1.0])
     step = camera_checks.depth_image(Frame(depth, 1e-4, K, 0.0, 5), age_s, optics, aside)
     assert step.outcome == outcome
-    assert told in step.words
+    assert told in step.message
     assert (step.what_to_do is None) == (outcome == "ok")

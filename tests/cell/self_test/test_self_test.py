@@ -74,19 +74,19 @@ def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> N
         took_s[step.name] = time.monotonic() - before
         before = time.monotonic()
     assert steps["controller"].outcome == "failed"
-    assert "no robot answers at 127." in steps["controller"].words
+    assert "no robot answers at 127." in steps["controller"].message
     assert "check arm.host" in (steps["controller"].what_to_do or "")
     assert steps["camera"].outcome == "failed"
-    assert "no OAK camera" in steps["camera"].words
+    assert "no OAK camera" in steps["camera"].message
     assert "cable" in (steps["camera"].what_to_do or "")
     # The promise of 3 s; importing the camera's library comes on top, and takes its time on a busy machine.
     assert took_s["controller"] < 3.0
     assert steps["robot"] == CheckResult("robot", "skipped", "it needs the controller")
-    assert steps["connection"].words == "it needs a robot that may be driven"
-    assert steps["table"].words == "it needs a depth image and the connection to the arm"
+    assert steps["connection"].message == "it needs a robot that may be driven"
+    assert steps["table"].message == "it needs a depth image and the connection to the arm"
     assert steps["calibration"].outcome == "ok"
-    assert "measured 3.0 days ago" in steps["calibration"].words
-    assert steps["viewpoints"].words.startswith("8 of 8 reached from home")
+    assert "measured 3.0 days ago" in steps["calibration"].message
+    assert steps["viewpoints"].message.startswith("8 of 8 reached from home")
 
 
 def test_errors_are_told_apart_from_what_to_do() -> None:
@@ -104,4 +104,4 @@ def test_an_address_that_is_taken_is_told() -> None:
     finally:
         controller.close()
     assert step.outcome == "failed"
-    assert controller.host in step.words
+    assert controller.host in step.message

@@ -33,7 +33,7 @@ def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> No
     context.camera = CameraInfo("OAK-D-PRO", "777", 640, 400, "USB 3 (SUPER)", 40.0, ())
     step = setup_checks.calibration(context)
     assert step.outcome == "failed"
-    assert "made with camera 1944, this is camera 777" in step.words
+    assert "made with camera 1944, this is camera 777" in step.message
     assert "set hand_eye.file to the right file" in (step.what_to_do or "")
     assert context.hand_eye is None
 
@@ -41,10 +41,10 @@ def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> No
 def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> None:
     settings = real_cell("10.0.0.1", hand_eye_file.with_name("none.json"))
     step = setup_checks.calibration(grounds_for(settings))
-    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    assert (step.outcome, "there is no hand-eye calibration" in step.message) == ("failed", True)
     young = HandEyeSettings(file=hand_eye_file, max_age_days=2)
     step = setup_checks.calibration(grounds_for(settings.model_copy(update={"hand_eye": young})))
-    assert (step.outcome, "3.0 days old" in step.words) == ("failed", True)
+    assert (step.outcome, "3.0 days old" in step.message) == ("failed", True)
     assert step.what_to_do == "calibrate again"
 
 
@@ -52,20 +52,20 @@ def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, h
     none_yet = HandEyeSettings(folder=tmp_path / "none")
     real = real_cell("10.0.0.1", hand_eye_file).model_copy(update={"hand_eye": none_yet})
     step = setup_checks.calibration(grounds_for(real))
-    assert (step.outcome, "there is no hand-eye calibration" in step.words) == ("failed", True)
+    assert (step.outcome, "there is no hand-eye calibration" in step.message) == ("failed", True)
     assert "`pointchain calibrate run`" in (step.what_to_do or "")
     step = setup_checks.calibration(grounds_for(CellSettings(hand_eye=none_yet)))
-    assert (step.outcome, step.words) == ("ok", "that of the simulated cell")
+    assert (step.outcome, step.message) == ("ok", "that of the simulated cell")
     made = HandEyeSettings(folder=hand_eye_file.parent)
     step = setup_checks.calibration(grounds_for(CellSettings(hand_eye=made)))
-    assert (step.outcome, str(hand_eye_file) in step.words) == ("ok", True)
+    assert (step.outcome, str(hand_eye_file) in step.message) == ("ok", True)
 
 
 def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
     hand_eye_file.write_text('{"T_flange_camera": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]}')
     step = setup_checks.calibration(grounds_for(real_cell("10.0.0.1", hand_eye_file)))
     assert step.outcome == "warning"
-    assert "does not say when it was made, so this is not checked" in step.words
+    assert "does not say when it was made, so this is not checked" in step.message
     assert step.what_to_do == "calibrate again to record it"
 
 
@@ -76,13 +76,13 @@ def test_the_table_is_looked_for_where_the_configuration_has_it(told_table_z_m: 
     step = setup_checks.table(looking_cell(told_table_z_m))
     assert step.outcome == outcome, step
     assert (step.what_to_do is None) == (outcome == "ok")
-    assert "mounting.table_z_m" in step.words
+    assert "mounting.table_z_m" in step.message
 
 
 def test_a_table_that_is_out_of_view_is_not_judged() -> None:
     step = setup_checks.table(looking_cell(aside_m=1.0))
     assert step.outcome == "skipped"
-    assert "the camera sees 0 % of the workspace" in step.words
+    assert "the camera sees 0 % of the workspace" in step.message
 
 
 def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
@@ -93,7 +93,7 @@ def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
     wider = context.settings.model_copy(update={"workspace": WorkspaceSettings(x_m=(0.2, 0.8), y_m=(-0.6, 0.6))})
     step = setup_checks.viewpoints(replace(context, settings=wider))
     assert step.outcome == "warning"
-    assert "% of the table in the workspace" in step.words
+    assert "% of the table in the workspace" in step.message
     assert "x_m and y_m in [workspace] smaller" in (step.what_to_do or "")
 
 
@@ -105,8 +105,8 @@ def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
     )
     step = setup_checks.viewpoints(replace(context, settings=far))
     assert step.outcome == "failed"
-    assert "reach" in step.words
-    assert step.words.endswith("scan.min_views is 8")
+    assert "reach" in step.message
+    assert step.message.endswith("scan.min_views is 8")
 
 
 @pytest.mark.parametrize(("degrees", "outcome"), [(110, "ok"), (151, "failed"), (180, "failed")])
@@ -119,8 +119,8 @@ def test_a_camera_that_looks_back_at_the_arm_sees_no_workspace(degrees: float, o
     assert step.outcome == outcome, step
     if outcome == "ok":
         return
-    assert step.words.startswith(f"by the hand-eye file the camera looks back at the arm, {degrees} degrees from")
-    assert step.words.endswith("so that the arm itself hides the workspace")
+    assert step.message.startswith(f"by the hand-eye file the camera looks back at the arm, {degrees} degrees from")
+    assert step.message.endswith("so that the arm itself hides the workspace")
     assert (step.what_to_do or "").startswith("check that quat_xyzw has the order x, y, z, w")
 
 
@@ -132,4 +132,4 @@ def test_a_rounded_matrix_reaches_as_many_viewpoints_as_an_exact_one(tmp_path: P
     context = looking_cell()
     context.state = None
     step = setup_checks.viewpoints(replace(context, hand_eye=load_hand_eye(path, 1.0)))
-    assert step.words.startswith("8 of 8 reached")
+    assert step.message.startswith("8 of 8 reached")

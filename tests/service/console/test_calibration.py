@@ -16,7 +16,7 @@ from tests.service.live_cell import LiveCell, live_cell
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
 
 LEFT_OUT = {
-    **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "left_out_m", "distance_m")),
+    **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "loo_error_m", "distance_m")),
     "name": "04_pose11",
     "used": False,
     "reason": "it contradicts the others",
@@ -61,7 +61,7 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     run = page.get_by_role("region", name="In progress")
     expect(run.get_by_role("img", name="Camera image of view").first).to_be_visible()
     expect(run.get_by_role("img", name="The board was seen in")).to_be_visible()
-    assert live.client.get("/api/calibration").json()["under_way"] is not None
+    assert live.client.get("/api/calibration").json()["active_run"] is not None
     page.keyboard.press("1")
     expect(page.get_by_text("A calibration or verification is running")).to_be_visible()
     expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()

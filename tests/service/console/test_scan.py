@@ -38,7 +38,7 @@ def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open,
     page = open_console(client).page
     scan = page.get_by_role("button", name="Scan: the arm will move")
     radius = page.get_by_label("String radius, in mm", exact=True)
-    low_m, high_m = client.get("/api/cell/room").json()["scan"]["string_radius_range_m"]
+    low_m, high_m = client.get("/api/cell/geometry").json()["scan"]["string_radius_range_m"]
     refused = page.get_by_text(f"Enter a number from {low_m * 1000:g} to {high_m * 1000:g} mm")
     expect(scan).to_be_enabled()
     for written in ("420", "1,2,3", "0", "four", "-4"):

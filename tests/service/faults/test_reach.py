@@ -37,7 +37,7 @@ def test_too_few_are_refused_and_enough_are_scanned_without_the_others(
         missing = {point["index"]: point["reason"] for point in plan["viewpoints"] if point["reason"] is not None}
         assert len(plan["viewpoints"]) == 8
         assert set(missing.values()) == {"out of the arm's reach"}
-        assert 4 <= plan["reached"] == 8 - len(missing) < 8
+        assert 4 <= plan["reachable"] == 8 - len(missing) < 8
 
         begin, location = now_in(cell), cell.start()
         scan = finished(cell.client, location)

@@ -89,7 +89,7 @@ def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -
         db.execute("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '')")
     with closing(Database(tmp_path / "pointchain.sqlite3")) as database:
         (view,) = CalibrationStore(database).views(["run-1"])
-    assert (view.corners, view.possible, view.rms_px, view.cells) == (40, 48, None, None)
+    assert (view.corners, view.board_corners, view.rms_px, view.cells) == (40, 48, None, None)
 
 
 def test_a_truncated_log_keeps_the_first_transactions(data: Data, tmp_path: Path) -> None:

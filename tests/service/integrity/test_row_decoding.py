@@ -19,7 +19,8 @@ from service.storage.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, check_target_of
 
 VERIFICATION = {
-    "passed": True, "words": "well", "worst_m": 0.001, "expected_m": 0.001, "board_moved_m": None, "views": [],
+    "passed": True, "message": "well", "max_deviation_m": 0.001, "expected_m": 0.001, "board_displacement_m": None,
+    "views": [],
 }  # fmt: skip
 
 
@@ -72,7 +73,7 @@ def test_an_unreadable_scan_keeps_its_result(data: Data, column: str, value: obj
 
 
 @pytest.mark.parametrize(
-    "sql", ["scans SET asked_by = CAST(x'ff' AS TEXT)", "views SET changed_at = CAST(x'ff' AS TEXT)"]
+    "sql", ["scans SET requested_by = CAST(x'ff' AS TEXT)", "views SET changed_at = CAST(x'ff' AS TEXT)"]
 )
 def test_a_row_with_invalid_text_does_not_affect_other_rows(data: Data, sql: str) -> None:
     data.change(f"UPDATE {sql}")

@@ -39,9 +39,9 @@ def begin(cell: LiveCell, path: str = RUNS, **wanted: Any) -> str:
 def calibrated(cell: LiveCell, finished: Finished) -> dict[str, Any]:
     """A run that has ended; its result is not in use."""
     before = cell.client.get("/api/calibration").json()
-    assert (before["under_way"], before["reason"]) == (None, None)
+    assert (before["active_run"], before["reason"]) == (None, None)
     location = begin(cell, poses=12)
-    assert cell.client.get("/api/calibration").json()["under_way"] == location
+    assert cell.client.get("/api/calibration").json()["active_run"] == location
     run = finished(cell.client, location)
     assert run["state"] == "succeeded", run
     return run
@@ -55,14 +55,14 @@ def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, cal
     views = calibrated["progress"]["views"]
     assert len(views) == 14  # two more verify
     for view in views:
-        assert (view["state"], view["reason"], view["possible"]) == ("recorded", None, 48)
+        assert (view["state"], view["reason"], view["board_corners"]) == ("recorded", None, 48)
         assert view["corners"] > 24
         # The simulated camera's corners are exact to a tenth of a pixel.
         assert 0 < view["rms_px"] < 0.3
         assert view["cells"] == sorted(set(view["cells"]))
     cells = {cell for view in views for cell in view["cells"]}
     assert calibrated["progress"]["coverage"] == len(cells) / 40
-    picture = cell.client.get(views[3]["picture"])
+    picture = cell.client.get(views[3]["image"])
     assert picture.headers["content-type"] == "image/png"
     assert picture.content.startswith(b"\x89PNG")
     result = calibrated["result"]
@@ -89,7 +89,7 @@ def test_what_is_activated_is_in_use_and_verified(
     in_use = now["calibration"]
     assert in_use["sha256"] != before["sha256"]
     assert in_use["T_flange_camera"][0][3] == pytest.approx(calibrated["result"]["T_flange_camera"]["xyz_m"][0])
-    assert in_use["eight_views_m"] == calibrated["result"]["metrics"]["eight_views_m"]
+    assert in_use["repeatability_95_m"] == calibrated["result"]["metrics"]["repeatability_95_m"]
     assert in_use["sigma_m"] == pytest.approx(calibrated["result"]["metrics"]["sigma_m"])
     assert in_use["verdict"] == calibrated["result"]["verdict"]
     assert 0 <= in_use["age_s"] < 3600
@@ -128,7 +128,7 @@ def test_a_verification_that_fails_is_told_of_until_there_is_another(
     for warnings in (cell.state()["warnings"], cell.client.get("/api/calibration").json()["warnings"]):
         (warning,) = warnings
         assert warning["code"] == "verification-failed"
-        assert check["verification"]["words"] in warning["words"]
+        assert check["verification"]["message"] in warning["message"]
     assert cell.client.post(calibrated["links"]["activate"]).status_code == 200
     assert cell.state()["warnings"] == []
 

@@ -54,9 +54,9 @@ def test_cancel_stops_the_arm_and_keeps_the_pictures(
     views = answer.json()["progress"]["views"]
     assert views[-1]["state"] == "missing" or [view["state"] for view in views].count("missing") == 1, "under way"
     for view in views:
-        assert (view["picture"] is None) == (view["state"] == "missing")
-        if view["picture"] is not None:
-            assert cell.client.get(view["picture"]).content.startswith(b"\x89PNG")
+        assert (view["image"] is None) == (view["state"] == "missing")
+        if view["image"] is not None:
+            assert cell.client.get(view["image"]).content.startswith(b"\x89PNG")
     wait_until(lambda: not cell.moving())
     braking = cell.events("braking", after_s=before)
     assert braking, "the arm was not stopped"
@@ -64,7 +64,7 @@ def test_cancel_stops_the_arm_and_keeps_the_pictures(
     assert (cell.state()["state"], cell.state()["problem"]) == ("not_ready", "urn:pointchain:stopped")
     assert_problem(cell.client.post(f"{location}/activate"), 409, "not-activatable")
     assert cell.client.post(f"{location}/cancel").json()["state"] == "aborted"
-    assert cell.client.get("/api/calibration").json()["under_way"] is None
+    assert cell.client.get("/api/calibration").json()["active_run"] is None
     cell.is_well()
 
 

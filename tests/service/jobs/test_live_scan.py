@@ -52,7 +52,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
     content = cell.client.get(scan["links"]["recording"]).content
     taken = cell.client.get(scan["links"]["views"]).json()["views"]
     assert [view["index"] for view in taken] == list(range(8))
-    assert cell.client.get(taken[7]["picture"]).content.startswith(b"\x89PNG")
+    assert cell.client.get(taken[7]["image"]).content.startswith(b"\x89PNG")
     store: Store = cell.client.app.state.context.store
     row, views = store.scan(scan["id"]), store.views([scan["id"]])
     for view in views:
@@ -83,7 +83,7 @@ def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
     assert len(state["robot"]["q_rad"]) == 6
     assert state["camera"]["width"] == 640
     assert state["calibration"]["sha256"]
-    assert state["viewpoints"] == {"planned": 8, "reachable": 8, "missing": [], "warning": None}
+    assert state["viewpoints"] == {"planned": 8, "reachable": 8, "unreachable": [], "warning": None}
 
 
 def test_while_one_scan_runs_a_second_is_told_which(
@@ -102,7 +102,7 @@ def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveC
     location = cell.start()
     cell.wait_for_motion(location)
     first = cell.client.get(f"{location}/views").json()["views"][0]
-    picture = cell.client.get(first["picture"])
+    picture = cell.client.get(first["image"])
     scan = cell.client.get(location).json()
     assert (scan["state"], scan["recording"]) == ("scanning", None)
     assert picture.content.startswith(b"\x89PNG")
@@ -111,7 +111,7 @@ def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveC
     wait_until(lambda: cell.client.get(location).json()["state"] == "aborted")
     # Its recording is ended now, and the view is what it was.
     assert cell.client.get(f"{location}/views").json()["views"][0] == first
-    again = cell.client.get(first["picture"], headers={"If-None-Match": picture.headers["ETag"]})
+    again = cell.client.get(first["image"], headers={"If-None-Match": picture.headers["ETag"]})
     assert again.status_code == 304
     cell.is_well()
 

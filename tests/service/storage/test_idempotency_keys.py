@@ -12,7 +12,7 @@ import httpx2
 import pytest
 
 from service.api.idempotency_header import body_hash
-from service.api.schemas.scans import LiveScan, Reprocess
+from service.api.schemas.scans import LiveScanRequest, ReprocessRequest
 from service.errors import ServiceError
 from service.jobs.submission import NOBODY, Requester, new_scan
 from service.storage.data_folder import DataFolder
@@ -143,7 +143,7 @@ def test_a_key_is_its_callers_own(store: Store) -> None:
             store.add_scan(scan, asked.key_row(scan))
         with keys.first_use(key, 8.0) as used:
             assert isinstance(used, ScanRow)
-            assert (used.id, used.asked_by) == (scan.id, caller)
+            assert (used.id, used.requested_by) == (scan.id, caller)
 
 
 def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) -> None:
@@ -160,7 +160,7 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
         second(Key("bob", "k", "hash"))
     second(key)  # the first came to nothing
     assert store.key("ann", "k") is None
-    assert new_scan("live", "graph", None, NOBODY).asked_by is None
+    assert new_scan("live", "graph", None, NOBODY).requested_by is None
 
 
 def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,11 +182,11 @@ def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monke
 
 
 def test_the_hash_is_of_what_is_asked_for_and_where() -> None:
-    live = LiveScan(mode="live")
-    assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live"))
+    live = LiveScanRequest(mode="live")
+    assert body_hash("/a", live) == body_hash("/a", LiveScanRequest(mode="live"))
     assert body_hash("/a", live) != body_hash("/b", live)
-    assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", views=5))
-    assert body_hash("/a", live) == body_hash("/a", LiveScan(mode="live", views=None, method="graph"))
-    assert body_hash("/a", live) != body_hash("/a", LiveScan(mode="live", method="matching"))
+    assert body_hash("/a", live) != body_hash("/a", LiveScanRequest(mode="live", views=5))
+    assert body_hash("/a", live) == body_hash("/a", LiveScanRequest(mode="live", views=None, method="graph"))
+    assert body_hash("/a", live) != body_hash("/a", LiveScanRequest(mode="live", method="matching"))
     # To leave it out means another thing than null.
-    assert body_hash("/a", Reprocess()) != body_hash("/a", Reprocess(string_radius_m=None))
+    assert body_hash("/a", ReprocessRequest()) != body_hash("/a", ReprocessRequest(string_radius_m=None))

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from service.api.schemas.calibration_resources import run_resource
 from service.api.server_sent_events import change_event
 from service.errors import Failure
+from service.jobs.calibration_activation import why_not_activatable
 from service.storage.data_folder import DataFolder
 from service.storage.migrations import MIGRATIONS
 from service.storage.store import Store
@@ -67,3 +69,80 @@ def test_problem_documents_of_version_6_become_failures(tmp_path: Path) -> None:
             assert b'"status": 503, "detail": "the link broke", "instance": "/api/scans/failed"' in change_event(
                 missed.events[1]
             )
+
+
+VERIFICATION_7 = {
+    "passed": True, "words": 'the board was "moved":  \\"words": by 9 mm', "worst_m": 0.009, "expected_m": 0.001,
+    "worst_rad": 0.002, "expected_rad": 0.001, "board_moved_m": 0.009, "board_turned_rad": 0.002,
+    "views": [{"name": "a", "off_m": 0.009, "off_rad": 0.002, "expected_m": 0.001, "expected_rad": 0.001}],
+}  # fmt: skip
+RESULT_7 = {
+    "schema_version": 1,
+    "verdict": "refuse",
+    "findings": [{"code": "leave-one-out", "words": "views disagree", "refuses": True}],
+    "T_flange_camera": None,
+    "T_base_board": None,
+    "covariance": {"matrix": [[None] * 6] * 6, "order": [], "side": "right", "units": []},
+    "intrinsics": {"K": [[1.0]], "K_told": [[2.0]]},
+    "board": {"kind": "charuco"},
+    "metrics": {
+        "sigma_m": None, "sigma_rad": None, "eight_views_m": 0.003, "left_out_m": 0.001, "pixel_sigma_px": None,
+        "robot_sigma_m": None, "robot_sigma_rad": None, "views_given": 1, "views_used": 1,
+    },
+    "views": [{
+        "name": "a", "used": True, "reason": None, "corners": 40, "rms_px": 0.1, "robot_error_m": None,
+        "robot_error_rad": None, "left_out_m": 0.002, "distance_m": 0.4,
+    }],
+    "verification": VERIFICATION_7,
+}  # fmt: skip
+
+
+def test_calibrations_of_version_7_have_the_present_names(tmp_path: Path) -> None:
+    with closing(DataFolder(tmp_path)) as folder:
+        with closing(sqlite3.connect(folder.database)) as db:
+            for migration in MIGRATIONS[:7]:
+                db.executescript(migration)
+            columns = "id, kind, poses, warnings, state, fraction, coverage, created_at, result, verification"
+            sql = f"INSERT INTO calibrations ({columns}) VALUES (?, ?, 15, '[]', ?, 1.0, 1.0, '08:54', ?, ?)"
+            solved, verified = json.dumps(RESULT_7), json.dumps(VERIFICATION_7)
+            db.execute(sql, ("solved", "calibration", "succeeded", solved, verified))
+            db.execute(sql, ("failed", "calibration", "failed", None, None))
+            db.execute(sql, ("damaged", "calibration", "succeeded", "{no json", None))
+            columns = "calibration, view, state, corners, possible, changed_at"
+            db.execute(f"INSERT INTO calibration_views ({columns}) VALUES ('solved', 0, 'recorded', 40, 48, '08:54')")
+            columns = "id, mode, method, state, fraction, created_at, asked_by"
+            db.execute(f"INSERT INTO scans ({columns}) VALUES ('scan', 'live', 'graph', 'failed', 0.0, '08:54', 'Ada')")
+            db.execute("PRAGMA user_version = 7")
+            db.commit()
+        with closing(Store(folder)) as store:
+            scan, solved, failed = (
+                store.scan("scan"),
+                store.calibrations.get("solved"),
+                store.calibrations.get("failed"),
+            )
+            assert scan is not None
+            assert scan.requested_by == "Ada"
+            assert failed is not None
+            assert (failed.result, failed.verification) == (None, None)
+            with pytest.raises(json.JSONDecodeError):
+                store.calibrations.get("damaged")
+            assert solved is not None
+            views = store.calibrations.views(["solved"])
+    assert solved.result is not None
+    assert solved.result["schema_version"] == 2
+    assert solved.result["covariance"]["convention"] == "right"
+    assert solved.result["intrinsics"] == {"K": [[1.0]], "K_given": [[2.0]]}
+    assert solved.result["verification"] == solved.verification
+    refusal = why_not_activatable(solved)
+    assert refusal is not None
+    assert refusal.message == "the result must not be used: views disagree"
+    run = run_resource(solved, views)
+    assert run.result is not None
+    assert (run.result.metrics.repeatability_95_m, run.result.metrics.loo_error_m) == (0.003, 0.001)
+    assert (run.result.views[0].loo_error_m, run.result.findings[0].blocking) == (0.002, True)
+    assert run.verification is not None
+    assert run.verification.message == VERIFICATION_7["words"]
+    assert (run.verification.max_deviation_m, run.verification.max_deviation_rad) == (0.009, 0.002)
+    assert (run.verification.board_displacement_m, run.verification.board_rotation_rad) == (0.009, 0.002)
+    assert (run.verification.views[0].deviation_m, run.verification.views[0].deviation_rad) == (0.009, 0.002)
+    assert (run.progress.views[0].corners, run.progress.views[0].board_corners) == (40, 48)

@@ -36,15 +36,16 @@ DRIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.004, 0.0])
 
 REFUSED: dict[str, Any] = {
     "verdict": "refuse",
-    "findings": [{"code": "parallel-axes", "words": "all turns are about one axis: tilt it too", "refuses": True}],
+    "findings": [{"code": "parallel-axes", "message": "all turns are about one axis: tilt it too", "blocking": True}],
     "T_flange_camera": None,
     "T_base_board": None,
-    "covariance": {"matrix": [[None] * 6] * 6, "order": [], "side": "", "units": []},
+    "covariance": {"matrix": [[None] * 6] * 6, "order": [], "convention": "", "units": []},
     "intrinsics": {},
     "board": Board().to_json(),
     "metrics": dict.fromkeys(
         (
-            "sigma_m", "sigma_rad", "eight_views_m", "left_out_m", "pixel_sigma_px", "robot_sigma_m", "robot_sigma_rad",
+            "sigma_m", "sigma_rad", "repeatability_95_m", "loo_error_m", "pixel_sigma_px", "robot_sigma_m",
+            "robot_sigma_rad",
         )
     )
     | {"views_given": 12, "views_used": 0},
@@ -103,10 +104,10 @@ def test_runs_of_a_killed_service_are_interrupted(
     assert (run["links"]["cancel"], run["links"]["activate"]) == (None, None)
     if state == "scanning":
         first, second = run["progress"]["views"]
-        assert (first["state"], first["corners"], first["possible"]) == ("recorded", 40, 48)
+        assert (first["state"], first["corners"], first["board_corners"]) == ("recorded", 40, 48)
         assert (first["rms_px"], first["cells"]) == (0.12, [3, 4, 11])
         assert (second["rms_px"], second["cells"]) == (None, None)
-        assert (second["state"], second["picture"]) == ("missing", None)
+        assert (second["state"], second["image"]) == ("missing", None)
 
 
 def test_runs_are_listed_the_newest_first(client: httpx2.Client, earlier_runs: dict[str, CalibrationRow]) -> None:
@@ -159,13 +160,13 @@ def test_a_drift_is_reported_by_calibration_and_cell(client: httpx2.Client) -> N
     drift = status["calibration"]["drift"]
     assert (drift["scans"], drift["drifted"]) == (3, True)
     # 3.97 of the 4 mm, because the prior has little weight here
-    assert drift["off_m"] == pytest.approx(0.004, rel=0.02)
-    assert drift["off_from"] == "calibration"
+    assert drift["deviation_m"] == pytest.approx(0.004, rel=0.02)
+    assert drift["reference"] == "calibration"
     for warnings in (status["warnings"], client.get("/api/cell").json()["warnings"]):
         (warning,) = warnings
         assert warning["code"] == "calibration-drift"
-        assert warning["words"] == drift["words"]
-        assert "4.0 mm" in warning["words"]
+        assert warning["message"] == drift["message"]
+        assert "4.0 mm" in warning["message"]
     json.dumps(status, allow_nan=False)
 
 

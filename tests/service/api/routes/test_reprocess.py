@@ -12,7 +12,7 @@ import httpx2
 import pytest
 
 from service.api.idempotency_header import body_hash
-from service.api.schemas.scans import LiveScan
+from service.api.schemas.scans import LiveScanRequest
 from service.jobs.submission import Requester, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
@@ -103,7 +103,7 @@ def test_an_invalid_request_is_refused(
 def killed_service(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterator[tuple[ServedClient, list[str]]]:
     """Start a service after a kill during a live scan, and before the first view of another."""
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        requester = Requester(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScan(mode="live"))))
+        requester = Requester(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScanRequest(mode="live"))))
         scans = [replace(new_scan("live", "graph", 0.0042, requester), state="scanning") for _ in range(2)]
         store.add_scan(scans[0], requester.key_row(scans[0]))
         store.add_scan(scans[1])

@@ -44,7 +44,7 @@ def test_the_views_of_a_replay_are_those_of_its_recording(
         assert each["T_base_camera"] == view.T_base_camera.tolist()
         assert each["K"] == view.K.tolist()
         assert (each["width"], each["height"]) == (320, 200)
-        picture = client.get(each["picture"])
+        picture = client.get(each["image"])
         assert picture.headers["content-type"] == "image/png"
         assert picture.content.startswith(b"\x89PNG")
         assert len(picture.content) < 100_000

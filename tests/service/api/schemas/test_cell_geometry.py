@@ -8,14 +8,14 @@ from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings, MountingSettings
 from cell.kinematics.collision import PARTS, collision_model
 from cell.kinematics.ur_kinematics import ARMS, link_frames
-from service.api.schemas.cell_geometry import ArmShape, RoomResource, room_resource
+from service.api.schemas.cell_geometry import ArmGeometry, CellGeometry, cell_geometry
 from service.config.loader import ServiceConfig
 from tests.service.conftest import ServedClient
 
 Q_RAD = np.array([0.3, -1.2, 1.3, -1.4, -1.5, 0.6])
 
 
-def link_frames_of(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def link_frames_of(arm: ArmGeometry, q_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the frames of the links, (7, 4, 4), from the document alone."""
     frames = [np.eye(4)]
     for q, d, a, alpha in zip(q_rad, arm.d_m, arm.a_m, arm.alpha_rad, strict=True):
@@ -26,47 +26,49 @@ def link_frames_of(arm: ArmShape, q_rad: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def test_the_geometry_is_returned_without_a_device(client: httpx2.Client) -> None:
-    answer = client.get("/api/cell/room")
+    answer = client.get("/api/cell/geometry")
     assert answer.status_code == 200
-    room = RoomResource.model_validate_json(answer.content)
+    geometry = CellGeometry.model_validate_json(answer.content)
     settings = CellSettings()
-    assert room.workspace_m == list(settings.workspace_m)
-    assert room.scan.views == settings.scan.views
-    assert room.hand_eye_max_age_days == settings.hand_eye.max_age_days
-    assert room.camera.width == 640
-    assert [part.part for part in room.arm.parts][-1] == "camera"
+    assert geometry.workspace_m == list(settings.workspace_m)
+    assert geometry.scan.views == settings.scan.views
+    assert geometry.hand_eye_max_age_days == settings.hand_eye.max_age_days
+    assert geometry.camera.width == 640
+    assert [capsule.name for capsule in geometry.arm.capsules][-1] == "camera"
     assert client.get("/api/cell").json()["state"] == "not_ready"
-    assert client.get("/api/cell/room?x=1").status_code == 422
+    assert client.get("/api/cell/geometry?x=1").status_code == 422
 
 
 def test_the_arm_can_be_drawn_from_the_document() -> None:
     for model in ARMS:
-        arm = room_resource(ServiceConfig(arm=SimulatedArm(model=model)), None).arm
+        arm = cell_geometry(ServiceConfig(arm=SimulatedArm(model=model)), None).arm
         assert arm.model == model
         # the same product of the same matrices, rounded in another order
         np.testing.assert_allclose(link_frames_of(arm, Q_RAD), link_frames(model, Q_RAD[None])[0], rtol=0, atol=1e-12)
-        for part in arm.parts:
-            assert all(0 <= frame <= 6 for frame in part.frames)
-            assert 0.01 < part.radius_m < 0.2
+        for capsule in arm.capsules:
+            assert all(0 <= frame <= 6 for frame in capsule.frames)
+            assert 0.01 < capsule.radius_m < 0.2
 
 
 def test_the_capsules_are_those_of_the_collision_check(client: ServedClient) -> None:
     """The capsules follow from the document alone, as in a browser."""
-    room = RoomResource.model_validate_json(client.get("/api/cell/room").content)
-    frames = link_frames_of(room.arm, Q_RAD)
+    geometry = CellGeometry.model_validate_json(client.get("/api/cell/geometry").content)
+    frames = link_frames_of(geometry.arm, Q_RAD)
     calibration = client.app.state.context.cell.hand_eye()
     model = collision_model(client.app.state.context.config.cell, calibration.T_flange_camera)
     expected = link_frames(model.model, Q_RAD[None])[0][model.part_frames]
     ends = np.einsum("peij,pej->pei", expected[..., :3, :3], model.part_ends) + expected[..., :3, 3]
-    assert [part.part for part in room.arm.parts] == list(PARTS)
-    for part, of_part, radius_m in zip(room.arm.parts, ends, model.part_radii, strict=True):
-        drawn = [frames[frame] @ np.array([*end, 1.0]) for frame, end in zip(part.frames, part.ends_m, strict=True)]
+    assert [capsule.name for capsule in geometry.arm.capsules] == list(PARTS)
+    for capsule, of_part, radius_m in zip(geometry.arm.capsules, ends, model.part_radii, strict=True):
+        drawn = [
+            frames[frame] @ np.array([*end, 1.0]) for frame, end in zip(capsule.frames, capsule.ends_m, strict=True)
+        ]
         np.testing.assert_allclose(np.array(drawn)[:, :3], of_part, rtol=0, atol=1e-12)
-        assert part.radius_m == radius_m
+        assert capsule.radius_m == radius_m
 
 
 def test_without_a_calibration_the_shape_has_no_camera() -> None:
-    parts = [part.part for part in room_resource(ServiceConfig(), None).arm.parts]
+    parts = [capsule.name for capsule in cell_geometry(ServiceConfig(), None).arm.capsules]
     assert parts[-1] == "wrist 3"
     assert not any("camera" in part for part in parts)
 
@@ -74,6 +76,6 @@ def test_without_a_calibration_the_shape_has_no_camera() -> None:
 def test_obstacles_have_their_lowest_and_highest_corner() -> None:
     corners = ((0.6, 0.2, 0.3), (0.5, 0.3, 0.0))
     mounting = MountingSettings(table_z_m=-0.02, obstacles_m=(corners,))
-    room = room_resource(ServiceConfig(mounting=mounting), None)
-    assert room.obstacles_m == [((0.5, 0.2, 0.0), (0.6, 0.3, 0.3))]
-    assert room.table_z_m == -0.02
+    geometry = cell_geometry(ServiceConfig(mounting=mounting), None)
+    assert geometry.obstacles_m == [((0.5, 0.2, 0.0), (0.6, 0.3, 0.3))]
+    assert geometry.table_z_m == -0.02

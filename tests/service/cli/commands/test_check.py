@@ -60,7 +60,7 @@ def test_check_prints_the_same_as_json(unreachable_cell: Path, capsys: pytest.Ca
     assert document["passed"] is False
     outcomes = {step["name"]: step["outcome"] for step in document["steps"]}
     assert (outcomes["controller"], outcomes["camera"], outcomes["data folder"]) == ("failed", "failed", "ok")
-    assert all(set(step) == {"name", "outcome", "words", "what_to_do"} for step in document["steps"])
+    assert all(set(step) == {"name", "outcome", "message", "what_to_do"} for step in document["steps"])
 
 
 def test_a_wrong_configuration_is_the_only_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,7 +77,7 @@ def test_the_data_folder_is_checked_and_not_created(tmp_path: Path, monkeypatch:
     folder = tmp_path / "not" / "yet"
     step = check.check_data_folder(ServiceConfig(data_dir=folder))
     assert step.outcome == "ok"
-    assert str(folder) in step.words
+    assert str(folder) in step.message
     assert not folder.exists()
     (tmp_path / "file").write_text("")
     assert check.check_data_folder(ServiceConfig(data_dir=tmp_path / "file")).outcome == "failed"
@@ -97,7 +97,7 @@ def test_the_data_folder_is_checked_and_not_created(tmp_path: Path, monkeypatch:
     ],
 )
 def test_the_summary_follows_from_the_steps(outcomes: tuple[Outcome, Outcome], expected: str) -> None:
-    assert check.summarise([CheckResult("one", outcome, "words") for outcome in outcomes]) == expected
+    assert check.summarise([CheckResult("one", outcome, "message") for outcome in outcomes]) == expected
 
 
 def test_viewpoints_are_listed_and_drawn_without_a_device(

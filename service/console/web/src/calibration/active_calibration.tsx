@@ -1,6 +1,6 @@
 import { Badge } from "../bar/status";
 import { calibration } from "../state/cell";
-import { room } from "../state/room";
+import { geometry } from "../state/geometry";
 import { mm, plusMinus, span } from "../texts/format";
 import { sentence } from "../texts/sentence";
 import { rich, t } from "../texts/translate";
@@ -36,15 +36,15 @@ export function ActiveCalibration() {
         </dt>
         <dd>{used.sigma_m === null ? unknown : plusMinus(used.sigma_m)}</dd>
         <dt>{t("calibration.repeatability")}</dt>
-        <dd>{used.eight_views_m === null ? unknown : mm(used.eight_views_m, 2)}</dd>
+        <dd>{used.repeatability_95_m === null ? unknown : mm(used.repeatability_95_m, 2)}</dd>
         <dt>
           <Hint term="drift">{t("calibration.active.drift")}</Hint>
         </dt>
-        <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.words)}</dd>
+        <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.message)}</dd>
         <dt>{t("calibration.active.board")}</dt>
         <dd>{boardText(used.board) ?? unknown}</dd>
       </dl>
-      {[...status.warnings.map((warning) => warning.words), ...used.warnings].map((message) => (
+      {[...status.warnings.map((warning) => warning.message), ...used.warnings].map((message) => (
         <p key={message} class="note warn">
           ▲ {sentence(message)}
         </p>
@@ -55,6 +55,6 @@ export function ActiveCalibration() {
 }
 
 function ageText(age: string): string {
-  const days = room.value?.hand_eye_max_age_days;
+  const days = geometry.value?.hand_eye_max_age_days;
   return days === undefined ? age : t("calibration.active.age_limit", { age, days });
 }

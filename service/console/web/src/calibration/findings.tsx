@@ -6,8 +6,8 @@ export function Findings({ findings }: { findings: readonly components["schemas"
   return (
     <>
       {findings.map((finding) => (
-        <p key={finding.code} class={`note ${finding.refuses ? "bad" : "warn"}`}>
-          {finding.refuses ? "⬣" : "▲"} {sentence(finding.words)}
+        <p key={finding.code} class={`note ${finding.blocking ? "bad" : "warn"}`}>
+          {finding.blocking ? "⬣" : "▲"} {sentence(finding.message)}
         </p>
       ))}
     </>

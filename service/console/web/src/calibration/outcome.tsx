@@ -24,8 +24,8 @@ export function Outcome({ run, changed }: OutcomeProps) {
       {verification && (
         <p class={`note ${verification.passed ? "good" : "bad"}`}>
           {verification.passed
-            ? t("calibration.outcome.passed", { message: sentence(verification.words) })
-            : t("calibration.outcome.failed", { message: sentence(verification.words) })}
+            ? t("calibration.outcome.passed", { message: sentence(verification.message) })
+            : t("calibration.outcome.failed", { message: sentence(verification.message) })}
         </p>
       )}
       {run.activated_at !== null && (
@@ -37,7 +37,7 @@ export function Outcome({ run, changed }: OutcomeProps) {
 }
 
 function Result({ result, verified }: { result: NonNullable<Run["result"]>; verified: boolean }) {
-  const { sigma_m, eight_views_m, views_used: used, views_given: total } = result.metrics;
+  const { sigma_m, repeatability_95_m, views_used: used, views_given: total } = result.metrics;
   const unknown = t("common.unknown");
   return (
     <>
@@ -49,7 +49,7 @@ function Result({ result, verified }: { result: NonNullable<Run["result"]>; veri
         </dt>
         <dd>{sigma_m === null ? unknown : plusMinus(sigma_m)}</dd>
         <dt>{t("calibration.repeatability")}</dt>
-        <dd>{eight_views_m === null ? unknown : mm(eight_views_m, 2)}</dd>
+        <dd>{repeatability_95_m === null ? unknown : mm(repeatability_95_m, 2)}</dd>
         <dt>{t("calibration.outcome.images")}</dt>
         <dd>
           {verified

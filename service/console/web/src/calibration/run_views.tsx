@@ -21,10 +21,10 @@ export function RunViews({ run }: { run: Run }) {
       <ol class="views" aria-label={t("common.views")}>
         {views.map((view) => (
           <li key={view.index} class={view.state === "recorded" && view.reason !== null ? "missing" : view.state}>
-            {view.picture === null ? (
+            {view.image === null ? (
               <span class="picture">{view.state === "moving" ? "..." : "✗"}</span>
             ) : (
-              <Picture src={view.picture} alt={t("calibration.views.alt", { index: view.index })} />
+              <Picture src={view.image} alt={t("calibration.views.alt", { index: view.index })} />
             )}
             {t("calibration.views.label", { index: view.index, state: stateText(view) })}
           </li>
@@ -54,7 +54,7 @@ function stateText(view: View): string {
   if (view.reason !== null) return view.reason;
   if (view.state === "moving") return t("view_state.moving");
   if (view.corners === null) return t("calibration.views.searching");
-  const counts = { found: view.corners, possible: view.possible ?? view.corners };
+  const counts = { found: view.corners, possible: view.board_corners ?? view.corners };
   if (view.rms_px === null) return t("calibration.views.corners", counts);
   const residual = t("units.pixels", { value: view.rms_px.toFixed(2) });
   return t("calibration.views.corners_residual", { ...counts, residual });

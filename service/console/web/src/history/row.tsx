@@ -47,11 +47,11 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
   );
 }
 
-function summaryText({ summary, method, string_radius_m, asked_by, kept }: Scan): string {
+function summaryText({ summary, method, string_radius_m, requested_by, kept }: Scan): string {
   let text = t(`method.${method}.name`);
   if (summary?.chains) text = t("history.row.found", { found: foundText(summary.chains, summary.crossings), text });
   if (string_radius_m !== null) text = t("history.row.radius", { text, radius: mm(string_radius_m) });
-  if (asked_by !== null) text = t("history.row.by", { text, name: asked_by });
+  if (requested_by !== null) text = t("history.row.by", { text, name: requested_by });
   return kept ? t("history.row.kept", { text }) : text;
 }
 

@@ -14,7 +14,7 @@ export type Run = components["schemas"]["RunResource"];
 export type Recording = components["schemas"]["RecordingResource"];
 export type Model = components["schemas"]["ModelDocument"];
 export type Problem = components["schemas"]["Problem"];
-export type Room = components["schemas"]["RoomResource"];
+export type CellGeometry = components["schemas"]["CellGeometry"];
 export type Plan = components["schemas"]["PlanDocument"];
 export type Method = Scan["method"];
 

@@ -25,7 +25,7 @@ import { SelectedPoint } from "./selected_point";
 import { Strings } from "./strings";
 import { useResult } from "./use_result";
 
-const LAYERS = ["strings", "cloud", "crossings", "labels", "room"] as const;
+const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
 /** The result of a scan: in 3D, and as lists beside it. */
 export function ResultScreen({ id }: { id: string | null }) {

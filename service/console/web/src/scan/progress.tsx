@@ -24,7 +24,7 @@ export function Progress({ scan }: { scan: Scan }) {
         <progress max={1} value={scan.progress.fraction} aria-label={t("common.progress")} />
         <span>{percent(scan.progress.fraction)}</span>
       </div>
-      {scan.asked_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.asked_by })}</p>}
+      {scan.requested_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.requested_by })}</p>}
       <Act
         action={action}
         disabled={scan.links.cancel === null || scan.state === "stopping"}
@@ -46,7 +46,7 @@ export function Progress({ scan }: { scan: Scan }) {
 function plannedViews(scan: Scan): number[] {
   const plan = cell.value?.viewpoints;
   if (!plan || !["preflight", "scanning"].includes(scan.state)) return [];
-  const known = new Set([...scan.progress.views, ...plan.missing].map((view) => view.index));
+  const known = new Set([...scan.progress.views, ...plan.unreachable].map((view) => view.index));
   return Array.from({ length: plan.planned }, (_, index) => index).filter((index) => !known.has(index));
 }
 

@@ -1,11 +1,11 @@
-import { room } from "../state/room";
+import { geometry } from "../state/geometry";
 import { t } from "../texts/translate";
 import { NumberField } from "../ui/number_field";
 import { parseNumber, type ParsedNumber } from "../ui/parse_number";
 
 /** Parse a string radius in mm, in the range that the service accepts. */
 export function parseRadius(text: string): ParsedNumber {
-  const [min, max] = room.value?.scan.string_radius_range_m ?? [0, Infinity];
+  const [min, max] = geometry.value?.scan.string_radius_range_m ?? [0, Infinity];
   return parseNumber(text, { min: millimetres(min), max: millimetres(max), unit: t("units.millimetres") });
 }
 

@@ -1,7 +1,7 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { api, longCall, resultOf, type Plan } from "../net/api";
 import { atWork, cell } from "../state/cell";
-import { room } from "../state/room";
+import { geometry } from "../state/geometry";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
@@ -48,21 +48,21 @@ export function Reachability({ views }: { views: number | null }) {
   );
 }
 
-function countText({ reached, viewpoints }: Plan): string {
-  return t("scan.reach.count", { reached, planned: viewpoints.length });
+function countText({ reachable, viewpoints }: Plan): string {
+  return t("scan.reach.count", { reachable, planned: viewpoints.length });
 }
 
 /** The reachable viewpoints and the current pose of the arm. */
 function ReachableIn3D({ plan }: { plan: Plan }) {
-  const lens = room.value?.camera;
+  const lens = geometry.value?.camera;
   const content = useMemo(() => {
     const reachable = lens === undefined ? [] : plan.viewpoints.filter((one) => one.reason === null);
     const views = reachable.map(
-      ({ index, T_base_camera }) => ({ ...lens, index, T_base_camera, picture: "" }) as ViewPose,
+      ({ index, T_base_camera }) => ({ ...lens, index, T_base_camera, image: "" }) as ViewPose,
     );
     return { model: null, cloud: null, views, others: [] };
   }, [plan, lens]);
-  return <Viewer content={content} layers={["cameras", "arm", "room", "labels"]} />;
+  return <Viewer content={content} layers={["cameras", "arm", "geometry", "labels"]} />;
 }
 
 function ViewpointList({ plan }: { plan: Plan }) {

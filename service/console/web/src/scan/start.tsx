@@ -1,6 +1,6 @@
 import { api, longCall, resultOf } from "../net/api";
 import { calibrating, cell } from "../state/cell";
-import { room } from "../state/room";
+import { geometry } from "../state/geometry";
 import { show } from "../state/scans";
 import { refreshNow } from "../state/updates";
 import { mm } from "../texts/format";
@@ -82,14 +82,14 @@ function obstacleText(mode: Mode, recording: string | null): string | null {
 }
 
 function radiusPlaceholder(mode: Mode): string {
-  const configured_m = room.value?.scan.string_radius_m;
+  const configured_m = geometry.value?.scan.string_radius_m;
   if (mode === "replay") return t("scan.start.as_recorded");
   return configured_m ? t("scan.start.configured", { value: mm(configured_m) }) : t("scan.start.measure");
 }
 
 function viewsPlaceholder(): string {
-  if (room.value === null) return t("scan.start.configured_unknown");
-  return t("scan.start.configured", { value: room.value.scan.views });
+  if (geometry.value === null) return t("scan.start.configured_unknown");
+  return t("scan.start.configured", { value: geometry.value.scan.views });
 }
 
 function Choice({ mode }: { mode: Mode }) {

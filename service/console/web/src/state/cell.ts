@@ -14,7 +14,7 @@ export const problemSlug = computed(() => (cell.value?.problem ? slugOf(cell.val
 export const atWork = computed(() => cell.value?.state === "busy" || cell.value?.robot.moving === true);
 
 /** Whether a calibration or verification runs: no scan can be started. */
-export const calibrating = computed(() => Boolean(calibration.value?.under_way));
+export const calibrating = computed(() => Boolean(calibration.value?.active_run));
 
 /** Request the state of the cell. */
 export async function refreshCell(): Promise<void> {

@@ -4,7 +4,7 @@ import { RefusedError } from "../net/api";
 import { readEvents } from "../net/events";
 import { STOPPED } from "../stop";
 import { refreshCalibration, refreshCell, atWork, cellEvent } from "./cell";
-import { loadRoom, room } from "./room";
+import { loadGeometry, geometry } from "./geometry";
 import { refreshScans, running, scanEvent, type ScanEvent } from "./scans";
 import { refreshSession, caller } from "./session";
 
@@ -51,7 +51,7 @@ async function poll(): Promise<never> {
       if (!caller.value) return refreshSession();
       await refreshCell();
       await refreshScans();
-      if (room.value === null) await loadRoom();
+      if (geometry.value === null) await loadGeometry();
       if (performance.now() - slowAt > SLOW_MS) {
         slowAt = performance.now();
         await refreshCalibration();

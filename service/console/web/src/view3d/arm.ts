@@ -3,18 +3,18 @@ import {
 } from "three";
 import { linkFrames } from "./kinematics";
 import type { Palette } from "./palette";
-import type { ArmPart, ArmShape, Room } from "./scene";
+import type { ArmCapsule, ArmGeometry, CellGeometry } from "./scene";
 
 const STRETCHED = [0, 0, 0, 0, 0, 0];
 const Y = new Vector3(0, 1, 0);
 
 /** Draw the arm with its camera as the collision capsules of the service. `poseArm` sets its pose. */
-export function drawArm(room: Room | null, palette: Palette): Group {
+export function drawArm(geometry: CellGeometry | null, palette: Palette): Group {
   const group = new Group();
-  if (room === null) return group;
-  for (const [part, [from, to]] of partEnds(room.arm, STRETCHED)) {
-    // The length of a part does not depend on the joint angles.
-    const shape = new CapsuleGeometry(part.radius_m, from.distanceTo(to), 12, 36);
+  if (geometry === null) return group;
+  for (const [capsule, [from, to]] of capsuleEnds(geometry.arm, STRETCHED)) {
+    // The length of a capsule does not depend on the joint angles.
+    const shape = new CapsuleGeometry(capsule.radius_m, from.distanceTo(to), 12, 36);
     group.add(new Group().add(...glass(shape, palette.arm, group.children.length)));
   }
   return group;
@@ -37,8 +37,8 @@ function glass(shape: CapsuleGeometry, colour: Color, number: number): Mesh[] {
 }
 
 /** Move the drawn arm to joint angles. */
-export function poseArm(group: Group, arm: ArmShape, q_rad: readonly number[]): void {
-  partEnds(arm, q_rad).forEach(([, [from, to]], index) => {
+export function poseArm(group: Group, arm: ArmGeometry, q_rad: readonly number[]): void {
+  capsuleEnds(arm, q_rad).forEach(([, [from, to]], index) => {
     const body = group.children[index];
     if (!body) return;
     body.position.copy(from).lerp(to, 0.5);
@@ -47,15 +47,15 @@ export function poseArm(group: Group, arm: ArmShape, q_rad: readonly number[]): 
   });
 }
 
-/** Return the ends of each part's axis at joint angles, base frame. */
-export function partEnds(arm: ArmShape, q_rad: readonly number[]): [ArmPart, [Vector3, Vector3]][] {
+/** Return the ends of each capsule's axis at joint angles, base frame. */
+export function capsuleEnds(arm: ArmGeometry, q_rad: readonly number[]): [ArmCapsule, [Vector3, Vector3]][] {
   const frames = linkFrames(arm, q_rad);
-  return arm.parts.map((part) => {
+  return arm.capsules.map((capsule) => {
     const end = (which: 0 | 1) => {
-      const point = new Vector3().fromArray(part.ends_m[which] ?? [0, 0, 0]);
-      const frame = frames[part.frames[which] ?? 0];
+      const point = new Vector3().fromArray(capsule.ends_m[which] ?? [0, 0, 0]);
+      const frame = frames[capsule.frames[which] ?? 0];
       return frame ? point.applyMatrix4(frame) : point;
     };
-    return [part, [end(0), end(1)]];
+    return [capsule, [end(0), end(1)]];
   });
 }

@@ -1,7 +1,7 @@
 import { Vector3 } from "three";
-import { partEnds } from "./arm";
+import { capsuleEnds } from "./arm";
 import { eyeOf } from "./cameras";
-import { workspaceOf } from "./room";
+import { workspaceOf } from "./geometry";
 import type { Content, Layer } from "./scene";
 
 export const UP = new Vector3(0, 0, 1);
@@ -42,19 +42,19 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
 
 /** Return the points of the overview: the strings, the cloud or the workspace, and the shown layers around them. */
 export function outlineOf(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
-  const { model, room, q_rad, views } = content;
+  const { model, geometry, q_rad, views } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
-  if (points.length === 0 && room !== null) points.push(...corners(room));
+  if (points.length === 0 && geometry !== null) points.push(...corners(geometry));
   if (shown.has("cameras")) points.push(...views.map(eyeOf));
-  if (shown.has("arm") && room !== null && q_rad !== null) {
-    points.push(...partEnds(room.arm, q_rad).flatMap(([, ends]) => ends));
+  if (shown.has("arm") && geometry !== null && q_rad !== null) {
+    points.push(...capsuleEnds(geometry.arm, q_rad).flatMap(([, ends]) => ends));
   }
   return points;
 }
 
-function corners(room: NonNullable<Content["room"]>): Vector3[] {
-  const { min, max } = workspaceOf(room);
+function corners(geometry: NonNullable<Content["geometry"]>): Vector3[] {
+  const { min, max } = workspaceOf(geometry);
   return [min, max].flatMap((x) =>
     [min, max].flatMap((y) => [min, max].map((z) => new Vector3(x.x, y.y, z.z))),
   );

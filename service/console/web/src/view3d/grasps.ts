@@ -4,7 +4,7 @@ import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import { BEST_GRASPS, type Grasp, type Model, type Room } from "./scene";
+import { BEST_GRASPS, type Grasp, type Model, type CellGeometry } from "./scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
 /** Drawn fingers are slimmer than real ones, to tell neighbouring grasps apart. */
@@ -24,9 +24,9 @@ export function drawGrasps(model: Model | null, palette: Palette): Group {
 }
 
 /** Draw one grasp in the size of the gripper, where that is known. */
-export function drawGrasp(grasp: Grasp, room: Room | null, colour: Color): Group {
+export function drawGrasp(grasp: Grasp, geometry: CellGeometry | null, colour: Color): Group {
   const group = new Group();
-  const gripper = room?.gripper;
+  const gripper = geometry?.gripper;
   const size = {
     thick: gripper?.finger_thickness_m ?? 4 * THICK_M,
     wide: gripper?.finger_width_m ?? 4 * WIDE_M,

@@ -48,7 +48,7 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
     case "grasp": {
       const one = content.model?.grasps[target.index];
       if (!one) break;
-      group.add(drawGrasp(one, content.room, palette.accent));
+      group.add(drawGrasp(one, content.geometry, palette.accent));
       group.add(marked(t("viewer.label.grasp", { index: target.index }), graspText(one), handleOf(one)));
       break;
     }

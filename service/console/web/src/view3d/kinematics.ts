@@ -1,12 +1,12 @@
 import { Matrix4 } from "three";
-import type { ArmShape } from "./scene";
+import type { ArmGeometry } from "./scene";
 
 /**
  * Return the frames of base and links at joint angles: `[k]` maps link k's points to base; 0 is the base, 6 the flange.
  *
  * The Denavit-Hartenberg table is that of the service.
  */
-export function linkFrames(arm: ArmShape, q_rad: readonly number[]): Matrix4[] {
+export function linkFrames(arm: ArmGeometry, q_rad: readonly number[]): Matrix4[] {
   const frames = [new Matrix4()];
   let frame = new Matrix4();
   arm.alpha_rad.forEach((alpha, k) => {

@@ -11,16 +11,16 @@ export type Point = readonly [number, number, number];
 export type Pose = readonly (readonly number[])[];
 
 /** A layer that can be shown or hidden. */
-export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "arm" | "labels" | "room";
+export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "arm" | "labels" | "geometry";
 
 /** The camera pose of a view. */
-export type ViewPose = components["schemas"]["SeenView"];
+export type ViewPose = components["schemas"]["ViewResource"];
 /** A capsule of the arm: all points within a radius of a segment. */
-export type ArmPart = components["schemas"]["PartResource"];
+export type ArmCapsule = components["schemas"]["ArmCapsule"];
 /** An arm's Denavit-Hartenberg table and its shape. */
-export type ArmShape = components["schemas"]["ArmShape"];
+export type ArmGeometry = components["schemas"]["ArmGeometry"];
 /** The cell around the strings. */
-export type Room = components["schemas"]["RoomResource"];
+export type CellGeometry = components["schemas"]["CellGeometry"];
 
 /** The result of another method from the same views. */
 export interface Other {
@@ -34,7 +34,7 @@ export interface Content {
   /** `cloud.ply` as served. */
   cloud: ArrayBuffer | null;
   views: readonly ViewPose[];
-  room: Room | null;
+  geometry: CellGeometry | null;
   /** Current joint angles; null: the arm is not drawn. */
   q_rad: readonly number[] | null;
   others: readonly Other[];

@@ -15,7 +15,7 @@ import { Part } from "./part";
 import { pick } from "./pick";
 import { PIXEL, SHARPNESS } from "./pixel";
 import { readCloud } from "./ply";
-import { drawRoom } from "./room";
+import { drawGeometry } from "./geometry";
 import { Scale } from "./scale";
 import type { Content, Layer, Target } from "./scene";
 import { covered, pixelsAhead, type Screen } from "./screen";
@@ -23,7 +23,7 @@ import { drawStrings } from "./strings";
 import { onTap } from "./tap";
 import type { View3D } from "./view3d";
 
-const NOTHING: Content = { model: null, cloud: null, views: [], room: null, q_rad: null, others: [] };
+const NOTHING: Content = { model: null, cloud: null, views: [], geometry: null, q_rad: null, others: [] };
 
 /** Holds the content and draws it only when something has changed. */
 export class Stage implements View3D {
@@ -42,12 +42,12 @@ export class Stage implements View3D {
     grasps: new Part(this.scene, drawGrasps),
     cameras: new Part(this.scene, drawCameras),
     arm: new Part(this.scene, drawArm),
-    room: new Part(this.scene, drawRoom),
+    geometry: new Part(this.scene, drawGeometry),
     mark: new Part(this.scene, drawMark),
   };
   private content = NOTHING;
   private points: Float32Array | null = null;
-  private shown: ReadonlySet<Layer> = new Set(["cloud", "strings", "crossings", "labels", "room"]);
+  private shown: ReadonlySet<Layer> = new Set(["cloud", "strings", "crossings", "labels", "geometry"]);
   private marked: Target | null = null;
   private palette;
   private frames = 0;
@@ -146,7 +146,7 @@ export class Stage implements View3D {
   /** Update the scene to the content and the shown layers. */
   private update(): void {
     const { parts, content, palette, shown } = this;
-    const { model, room, views } = content;
+    const { model, geometry, views } = content;
     this.scene.background = palette.ground;
     parts.cloud.update(this.points, palette);
     parts.strings.update(model, palette);
@@ -154,11 +154,11 @@ export class Stage implements View3D {
     parts.crossings.update(model, palette);
     parts.grasps.update(model, palette);
     parts.cameras.update(views, model, palette);
-    parts.arm.update(room, palette);
-    parts.room.update(room, palette);
+    parts.arm.update(geometry, palette);
+    parts.geometry.update(geometry, palette);
     parts.mark.update(this.marked, content, palette);
     parts.others.visible = shown.has("strings");
-    for (const layer of ["cloud", "strings", "crossings", "grasps", "cameras", "room"] as const) {
+    for (const layer of ["cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
     }
     this.labels.show(shown.has("labels"));
@@ -175,10 +175,10 @@ export class Stage implements View3D {
   }
 
   private poseArm(): void {
-    const { room, q_rad } = this.content;
+    const { geometry, q_rad } = this.content;
     const { arm } = this.parts;
     arm.visible = this.shown.has("arm") && q_rad !== null;
-    if (arm.group !== null && room !== null && q_rad !== null) poseArm(arm.group, room.arm, q_rad);
+    if (arm.group !== null && geometry !== null && q_rad !== null) poseArm(arm.group, geometry.arm, q_rad);
   }
 
   private resize(): void {

@@ -1,7 +1,7 @@
 import { t } from "../texts/translate";
 import type { Layer } from "../view3d/view3d";
 
-const LAYERS: readonly Layer[] = ["strings", "cloud", "crossings", "grasps", "cameras", "arm", "labels", "room"];
+const LAYERS: readonly Layer[] = ["strings", "cloud", "crossings", "grasps", "cameras", "arm", "labels", "geometry"];
 
 interface LayersProps {
   /** The layers that have content. */

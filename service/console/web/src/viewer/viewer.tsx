@@ -2,7 +2,7 @@ import "./viewer.css";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { cell } from "../state/cell";
 import { lost } from "../state/freshness";
-import { room } from "../state/room";
+import { geometry } from "../state/geometry";
 import { t } from "../texts/translate";
 import type { Content, Layer, Target, View3D } from "../view3d/view3d";
 import { Picture } from "../ui/picture";
@@ -40,7 +40,7 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
   const [fit, setFit] = useState(0);
   const onPick = useRef(picked);
   onPick.current = picked;
-  const around = elsewhere ? null : room.value;
+  const around = elsewhere ? null : geometry.value;
   const q_rad = elsewhere || lost.value ? null : (cell.value?.robot.q_rad ?? null);
 
   useEffect(() => {
@@ -70,7 +70,7 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
     };
   }, []);
 
-  useEffect(() => view?.show({ ...content, room: around, q_rad }), [view, content, around]);
+  useEffect(() => view?.show({ ...content, geometry: around, q_rad }), [view, content, around]);
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
     if (fit > 0) view?.viewFrom("fit");
@@ -145,14 +145,14 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
 }
 
 /** Return the layers that have content. */
-function layersOf({ model, cloud, views }: ViewerProps["content"], room: boolean, arm: boolean): ReadonlySet<Layer> {
+function layersOf({ model, cloud, views }: ViewerProps["content"], around: boolean, arm: boolean): ReadonlySet<Layer> {
   const available: Layer[] = ["labels"];
   if (model !== null && model.chains.length > 0) available.push("strings");
   if (model !== null && model.crossings.length > 0) available.push("crossings");
   if (model !== null && model.grasps.length > 0) available.push("grasps");
   if (cloud !== null) available.push("cloud");
   if (views.length > 0) available.push("cameras");
-  if (room) available.push("room");
+  if (around) available.push("geometry");
   if (arm) available.push("arm");
   return new Set(available);
 }

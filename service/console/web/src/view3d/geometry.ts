@@ -6,7 +6,7 @@ import {
 import { label } from "./labels";
 import { rod } from "./rod";
 import type { Palette } from "./palette";
-import type { Room } from "./scene";
+import type { CellGeometry } from "./scene";
 
 const [FINE_M, COARSE_M] = [0.01, 0.1];
 /** A table larger than this has no fine grid. */
@@ -14,27 +14,27 @@ const FINE_UP_TO_M = 1.5;
 const [AXIS_M, AXIS_RADIUS_M, TIP_M] = [0.06, 0.0006, 0.006];
 
 /** Draw the workspace, the table with a grid of 10 mm, obstacles, and the axes of the base frame. */
-export function drawRoom(room: Room | null, palette: Palette): Group {
+export function drawGeometry(geometry: CellGeometry | null, palette: Palette): Group {
   const group = new Group();
   group.add(axes(palette));
-  if (room === null) return group;
-  group.add(new Box3Helper(workspaceOf(room), palette.muted), grid(room, palette));
-  for (const corners of room.obstacles_m) group.add(obstacle(corners, palette));
+  if (geometry === null) return group;
+  group.add(new Box3Helper(workspaceOf(geometry), palette.muted), grid(geometry, palette));
+  for (const corners of geometry.obstacles_m) group.add(obstacle(corners, palette));
   return group;
 }
 
 /** Draw the workspace, in which strings are searched. */
-export function workspaceOf(room: Room): Box3 {
-  const [x, y, z] = room.workspace_m;
+export function workspaceOf(geometry: CellGeometry): Box3 {
+  const [x, y, z] = geometry.workspace_m;
   const corner = (which: 0 | 1) => new Vector3(x?.[which] ?? 0, y?.[which] ?? 0, z?.[which] ?? 0);
   return new Box3(corner(0), corner(1));
 }
 
 /** Draw the table below the workspace as a grid; lines at each 100 mm are stronger and labelled at the edge. */
-function grid(room: Room, palette: Palette): Group {
+function grid(geometry: CellGeometry, palette: Palette): Group {
   const group = new Group();
-  const { min, max } = workspaceOf(room);
-  const z = room.table_z_m;
+  const { min, max } = workspaceOf(geometry);
+  const z = geometry.table_z_m;
   const wide = Math.max(max.x - min.x, max.y - min.y);
   const along = (step: number, x: boolean) => steps(x ? min.x : min.y, x ? max.x : max.y, step);
   const lines = (step: number) => [
@@ -66,7 +66,7 @@ function drawLines(coordinates: readonly number[], colour: Color, opacity: numbe
   return new LineSegments(shape, material);
 }
 
-function obstacle(corners: Room["obstacles_m"][number], palette: Palette): Group {
+function obstacle(corners: CellGeometry["obstacles_m"][number], palette: Palette): Group {
   const [low, high] = [0, 1].map((which) => new Vector3().fromArray(corners[which] ?? [0, 0, 0]));
   const group = new Group();
   if (!low || !high) return group;
