@@ -126,8 +126,8 @@ def check_not_mirrored(T_camera_board: NDArray[np.float64]) -> None:
         )
 
 
-def _share_within(start: InitialGuess, off_m: float, off_rad: float) -> float:
-    return float(np.mean((start.off_m < off_m) & (start.off_rad < off_rad)))
+def _share_within(start: InitialGuess, deviation_m: float, deviation_rad: float) -> float:
+    return float(np.mean((start.deviation_m < deviation_m) & (start.deviation_rad < deviation_rad)))
 
 
 def _fit_together(A: NDArray[np.float64], B: NDArray[np.float64]) -> bool:

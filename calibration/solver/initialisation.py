@@ -42,13 +42,13 @@ class InitialGuess:
     """(4, 4) board pose Y, metres."""
     inliers: NDArray[np.bool_]
     """(N,) mask, True for views that agree with the solution."""
-    off_m: NDArray[np.float64]
+    deviation_m: NDArray[np.float64]
     """(N,) distance between the middle of the board at A_i X B_i and at Y, metres."""
-    off_rad: NDArray[np.float64]
+    deviation_rad: NDArray[np.float64]
     """(N,) rotation angle between A_i X B_i and Y, radians."""
     typical_m: float
     """Median combined distance of the better half of the views, metres. The combined distance is
-    `hypot(off_m, lever_m * off_rad)` with the lever arm `lever_m = robot_m / robot_rad`."""
+    `hypot(deviation_m, lever_m * deviation_rad)` with the lever arm `lever_m = robot_m / robot_rad`."""
 
 
 def estimate_initial_guess(
@@ -101,8 +101,8 @@ def estimate_initial_guess(
             hypothesis = refined
         if hypothesis.score < best.score:
             best = hypothesis
-    off_m, off_rad = _discrepancies(A, B, best.X[None], best.Y[None], middle)
-    return InitialGuess(best.X, best.Y, best.inliers(min_limit_m), off_m[0], off_rad[0], best.typical_m)
+    deviation_m, deviation_rad = _discrepancies(A, B, best.X[None], best.Y[None], middle)
+    return InitialGuess(best.X, best.Y, best.inliers(min_limit_m), deviation_m[0], deviation_rad[0], best.typical_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +140,8 @@ def _better_half_mean(distances: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _combined_distances(A, B, X, Y, middle, lever_m: float) -> NDArray[np.float64]:
     """Return the combined distances (S, N) of N views from S hypotheses, metres. Angles are multiplied by `lever_m`."""
-    off_m, off_rad = _discrepancies(A, B, X, Y, middle)
-    return np.hypot(off_m, lever_m * off_rad)
+    deviation_m, deviation_rad = _discrepancies(A, B, X, Y, middle)
+    return np.hypot(deviation_m, lever_m * deviation_rad)
 
 
 def _discrepancies(A, B, X, Y, middle) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

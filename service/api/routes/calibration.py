@@ -15,7 +15,7 @@ from service.api.problem_responses import CELL, problem_responses
 from service.api.routes.recordings import BINARY
 from service.api.schemas.addresses import RUNS
 from service.api.schemas.calibration import BoardRequest, CalibrationRequest, CalibrationStatus, RunList, RunResource
-from service.api.schemas.calibration_resources import calibration_in_use, calibration_warnings, run_resource
+from service.api.schemas.calibration_resources import active_calibration, calibration_warnings, run_resource
 from service.jobs.calibration_activation import activate_result
 from service.jobs.calibration_job import picture_file, run_folder
 from service.logs.request_time import arrival_time
@@ -58,7 +58,7 @@ def get_calibration(service: Service) -> CalibrationStatus:
     try:
         hand_eye = service.cell.hand_eye()
         drift = service.jobs.drift.drift(hand_eye)
-        calibration = calibration_in_use(hand_eye, drift)
+        calibration = active_calibration(hand_eye, drift)
     except CellError as error:
         reason = str(error)
     return CalibrationStatus(

@@ -70,7 +70,7 @@ def _last_verification(hand_eye: HandEye, store: CalibrationStore) -> Calibratio
         return None
 
 
-def calibration_in_use(hand_eye: HandEye, drift: Drift) -> ActiveCalibration:
+def active_calibration(hand_eye: HandEye, drift: Drift) -> ActiveCalibration:
     """Return the calibration in use and its drift as a document."""
     covariance, created = hand_eye.covariance, hand_eye.created
     return ActiveCalibration(
