@@ -84,7 +84,7 @@ class RecognitionWorker:
             self._not_ready_reason = f"recognition did not start: {error}"
 
     def start(self) -> None:
-        """Start the process unless it is alive, and wait until it is warmed up and ready for a task.
+        """Start the process unless it is alive, and wait until it has imported recognition and is ready for a task.
 
         Raises:
             TaskFailedError: The process could not be started, ended before it was ready, or took too long.
@@ -106,10 +106,7 @@ class RecognitionWorker:
         except OSError as error:
             self._release()
             raise _start_error(error) from error
-        message = self._receive(time.monotonic() + START_TIMEOUT_S)
-        if isinstance(message, Failure):
-            self.close()
-            raise TaskFailedError(message.slug, message.message)
+        self._receive(time.monotonic() + START_TIMEOUT_S)
         self._not_ready_reason = None
 
     def run(

@@ -103,13 +103,9 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     if hasattr(os, "nice"):
         os.nice(NICE_INCREMENT)
-    try:
-        _warm_up()
-    except ImportError as error:
-        # a compiled library may need a system library that is missing
-        pipe.send(Failure("recognition-crashed", f"a library cannot be loaded: {error}"))
-        return
     pipe.send(Ready())
+    if not pipe.poll():
+        _warm_up_drawing()
     while True:
         try:
             message = pipe.recv()
@@ -179,9 +175,12 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
     return recognise_views(receive_views(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
 
 
-def _warm_up() -> None:
-    """Draw an empty preview, because the first one takes longest. The recognition package is imported already."""
-    draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
+def _warm_up_drawing() -> None:
+    """Draw an empty preview, because the first one imports Matplotlib. A result is valid without a preview."""
+    try:
+        draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
+    except Exception:  # Matplotlib may need a system library that is missing
+        log.exception("previews cannot be drawn: scans will have a result, but no preview")
 
 
 def _exit_with_parent() -> None:

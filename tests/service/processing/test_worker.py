@@ -6,6 +6,7 @@ import resource
 import signal
 import sqlite3
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -141,3 +142,29 @@ def test_an_incomplete_preview_is_removed(recording_file: Path, tmp_path: Path) 
     assert not preview.exists()
     _draw_preview(recognition, preview)
     assert preview.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_process_is_ready_before_it_imports_matplotlib_and_works_without_it(
+    worker: RecognitionWorker, recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    importing, go_on = tmp_path / "importing", tmp_path / "go-on"
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "matplotlib.py").write_text(
+        "import pathlib, time\n"
+        f"pathlib.Path({str(importing)!r}).touch()\n"
+        f"while not pathlib.Path({str(go_on)!r}).exists():\n    time.sleep(0.01)\n"
+        "raise ImportError('libfreetype.so.6: cannot open shared object file')\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path / "broken")  # the process has the path of this one
+    worker.start()
+    assert worker.not_ready_reason is None
+    deadline = time.monotonic() + PATIENCE_S
+    while not importing.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert importing.exists(), "the idle process does not warm up the drawing"
+    go_on.touch()
+    task = make_task(recording_file, tmp_path, "scan")
+    worker.run(task, lambda _: None, PATIENCE_S)
+    assert worker.wait_for_preview()
+    assert (task.results / "model.json").exists()
+    assert not task.preview.exists()
