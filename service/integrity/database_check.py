@@ -2,23 +2,16 @@
 
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from service.integrity.finding import REPAIR, Finding
-from service.integrity.row_decoding import (
-    UnreadableRowError,
-    decode_calibration,
-    decode_calibration_view,
-    decode_recording,
-    decode_scan,
-    decode_view,
-)
+from service.integrity.row_decoding import UnreadableRowError, decode_row
 from service.storage.migrations import VERSION
-from service.storage.rows import CalibrationRow, RecordingRow, ScanRow, ViewRow
+from service.storage.rows import CalibrationRow, RecordingRow, Row, ScanRow, ViewRow
 from service.storage.storage_errors import is_held
 
 TABLES = (
@@ -26,6 +19,8 @@ TABLES = (
     "cell_fault", "audit",
 )  # fmt: skip
 """Tables of the current version, parents before children."""
+DECODED_TABLES = TABLES[:5]
+"""Tables whose rows the service returns."""
 MAX_REPORTED = 20
 """Limit on the damages that SQLite lists, and on the findings of a group that are printed."""
 
@@ -46,6 +41,22 @@ class Rows:
     calibrations: dict[str, CalibrationRow] = field(default_factory=dict)
     unreadable: dict[str, set[object]] = field(default_factory=lambda: defaultdict(set))
     """Ids of unreadable rows, by table. What belongs to such a row is not without a row."""
+
+    def parent(self, values: dict[str, Any]) -> Row | None:
+        """Return the scan or calibration that a row belongs to; None if it cannot be read or there is none."""
+        return self.scans.get(values.get("scan", "")) or self.calibrations.get(values.get("calibration", ""))
+
+    def add(self, row: Row) -> None:
+        """Add a row. No file belongs to the views of a calibration, so they are not kept."""
+        match row:
+            case RecordingRow():
+                self.recordings[row.id] = row
+            case ScanRow():
+                self.scans[row.id] = row
+            case ViewRow():
+                self.views[row.scan].append(row)
+            case CalibrationRow():
+                self.calibrations[row.id] = row
 
 
 @contextmanager
@@ -136,33 +147,18 @@ def _unopened(where: str, error: sqlite3.Error) -> Finding:
 
 def _rows(db: sqlite3.Connection) -> tuple[Rows, list[Finding]]:
     rows, found = Rows(), []
-
-    def read_table(table: str, decode: Callable[[Any], Any], keep: Callable[[Any], None]) -> None:
+    for table in DECODED_TABLES:
         for row in db.execute(f"SELECT rowid AS checked_rowid, * FROM {table}"):
             values = dict(row)
             rowid = values.pop("checked_rowid")
             try:
-                decoded = decode(values)
+                rows.add(decode_row(table, values, rows.parent(values)))
             except UnreadableRowError as error:
                 rows.unreadable[table].add(values.get("id"))
                 what = f"the service cannot return it, nor a list that contains it: {error}"
                 key = f"{table}/{rowid}"
-                advice = f"{REPAIR}: it is copied to lost+found, then corrected if possible, else removed"
+                advice = f"{REPAIR}: it is rebuilt from what is known if possible, else removed"
                 found.append(Finding("database", "row-unreadable", f"{table}, row {rowid}", what, advice, True, key))
-            else:
-                keep(decoded)
-
-    read_table("recordings", decode_recording, lambda row: rows.recordings.update({row.id: row}))
-    read_table("scans", decode_scan, lambda row: rows.scans.update({row.id: row}))
-    read_table(
-        "views", lambda values: decode_view(values, rows.scans.get), lambda row: rows.views[row.scan].append(row)
-    )
-    read_table("calibrations", decode_calibration, lambda row: rows.calibrations.update({row.id: row}))
-    read_table(
-        "calibration_views",
-        lambda values: decode_calibration_view(values, rows.calibrations.get),
-        lambda row: None,  # no file belongs to it
-    )
     return rows, found
 
 

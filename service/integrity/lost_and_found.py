@@ -1,10 +1,8 @@
 """The folder that keeps everything that a repair takes out of the data folder. Nothing that holds data is deleted."""
 
-import json
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 from calibration.atomic_write import sync_folder
 from service.storage.database import new_id, now
@@ -56,40 +54,22 @@ class LostAndFound:
             OSError: The file cannot be copied.
         """
         kept = self._free_path(path)
-        shutil.copy2(path, kept)
-        with kept.open("rb+") as file:
-            os.fsync(file.fileno())
+        try:
+            shutil.copy2(path, kept)
+            with kept.open("rb+") as file:
+                os.fsync(file.fileno())
+        except OSError:
+            kept.unlink(missing_ok=True)  # a full disk leaves an incomplete copy
+            raise
         sync_folder(self.folder)
         self._note(kept.name, path, why)
         return kept
 
-    def keep_row(self, table: str, values: dict[str, Any], why: str) -> None:
-        """Append a row of the database to `rows.jsonl`.
-
-        Args:
-            table: Table of the row.
-            values: Columns of the row.
-            why: Reason, which is written with the row.
-
-        Raises:
-            OSError: The file cannot be written.
-        """
-        self._make_folder()
-        line = json.dumps({"table": table, "why": why, "row": values}, default=_to_text)
-        with (self.folder / "rows.jsonl").open("a") as file:
-            file.write(line + "\n")
-            file.flush()
-            os.fsync(file.fileno())  # the row is deleted from the database next
-        sync_folder(self.folder)
-
-    def _make_folder(self) -> None:
+    def _free_path(self, path: Path) -> Path:
         if not self.folder.exists():
             self.folder.mkdir(parents=True)
             sync_folder(self.folder.parent)
             sync_folder(self._root)
-
-    def _free_path(self, path: Path) -> Path:
-        self._make_folder()
         free, number = self.folder / path.name, 1
         while free.exists() or free.is_symlink():
             number += 1
@@ -99,7 +79,3 @@ class LostAndFound:
     def _note(self, name: str, original: Path, why: str) -> None:
         with (self.folder / "what-is-here.txt").open("a") as file:
             file.write(f"{now()} {name} from {original}: {why}\n")
-
-
-def _to_text(value: object) -> str:
-    return value.hex() if isinstance(value, bytes) else str(value)

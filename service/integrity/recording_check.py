@@ -82,7 +82,7 @@ def check_recordings(folder: Path, files: Sequence[Path], rows: Rows, quick: boo
     for recording in rows.recordings.values():
         path = folder / f"{recording.id}.mcap"
         if not path.is_file() or path.is_symlink():
-            advice = f"put the file back, or {REPAIR}: its row is moved to lost+found"
+            advice = f"put the file back, or {REPAIR}: its row is removed"
             yield Finding("recordings", "recording-missing", str(path), "the file is missing", advice, True, path.stem)
             continue
         try:
@@ -95,7 +95,7 @@ def check_recordings(folder: Path, files: Sequence[Path], rows: Rows, quick: boo
         if path.suffix == ".mcap" and path.stem in rows.recordings:
             continue
         if path.suffix == ".mcap" and path.stem in rows.unreadable["recordings"]:
-            continue  # its row is moved to lost+found first
+            continue  # its row is removed first
         active = scan is not None and scan.state in ACTIVE_STATES
         if running and (active or path.stem in rows.unreadable["scans"]):
             continue
@@ -118,8 +118,8 @@ def describe_change(size_bytes: int, written_bytes: int) -> str:
 
 def _compare(path: Path, size_bytes: int, sha256: str, views: Sequence[ViewRow], quick: bool) -> Iterator[Finding]:
     advice = (
-        f"put the original file back, or {REPAIR}: its row is corrected if the file can be read, else both are moved "
-        "to lost+found"
+        f"put the original file back, or {REPAIR}: its row is corrected if the file can be read, else it is moved to "
+        "lost+found and its row is removed"
     )
     size = path.stat().st_size
     if quick:

@@ -1,9 +1,10 @@
 """Repair of what the integrity check finds, as far as possible.
 
-Rows are corrected. Nothing that holds data is deleted: it is moved to `lost+found`. The repair takes the lock of the
-service, so no service may run.
+The repair first copies the database to `lost+found`; then it changes rows. No file that holds data is deleted: it is
+moved to `lost+found`. The repair takes the lock of the service, so no service may run.
 """
 
+import reprlib
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -19,7 +20,7 @@ from service.integrity.database_check import text_or_bytes
 from service.integrity.finding import Code, Finding
 from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
-from service.integrity.row_repair import repaired_columns
+from service.integrity.row_repair import rebuilt_row
 from service.integrity.salvage import recover_database
 from service.processing.upload_sandbox import describe_untrusted_recording
 from service.security.auth.tokens import TOKENS_FILE
@@ -56,13 +57,21 @@ def repair(store: CheckTarget, report: Callable[[str], None]) -> CheckReport:
     with closing(DataFolder(store.root, keep_incoming=True)) as folder:
         lost = LostAndFound(store.root)
         found = check_store(store, running=False)
-        for _ in range(MAX_ROUNDS):
+        for number in range(MAX_ROUNDS):
             todo = [finding for finding in found.findings if finding.repairable]
             if not todo or not _BLOCKING_CODES.isdisjoint(finding.code for finding in found.findings):
                 break
+            if number == 0:
+                _copy_database(store.database, lost)
             _repair_all(store, folder, lost, todo, report)
             found = check_store(store, running=False)
         return found
+
+
+def _copy_database(database: Path, lost: LostAndFound) -> None:
+    for suffix in ("", "-wal"):
+        if (path := Path(f"{database}{suffix}")).exists():
+            lost.copy(path, "the database before the repair")
 
 
 def _repair_all(
@@ -71,9 +80,8 @@ def _repair_all(
     """Repair the findings of one round, the database first. Beside a damaged database, no finding needs a row."""
     codes = {finding.code for finding in todo}
     if "database-corrupt" in codes:
-        for table in recover_database(store.database, lost):
-            part = ", and a part of the table cannot be read" if table.has_unreadable_part else ""
-            report(f"{table.table}: {table.recovered} rows recovered, {table.rejected} rejected{part}")
+        for message in recover_database(store.database, lost.folder / store.database.name):
+            report(message)
         report(f"the damaged database is in {lost.folder}")
     opened = Store(folder)  # creates missing tables and migrates older ones
     try:
@@ -93,6 +101,7 @@ class _Repairer:
 
     def __init__(self, target: CheckTarget, folder: DataFolder, store: Store, lost: LostAndFound) -> None:
         self._target, self._folder, self._store, self._lost = target, folder, store, lost
+        self._original = f"the row before the repair is in {lost.folder / target.database.name}"
 
     def repair(self, finding: Finding) -> str:
         """Repair a finding and return what was done, as a message."""
@@ -139,36 +148,27 @@ class _Repairer:
             yield db  # after an exception the connection is closed without a commit
             db.execute("COMMIT")
 
-    def _move_row_aside(self, key: str, why: str = "it cannot be read") -> str:
+    def _remove_row(self, key: str) -> str:
         table, _, rowid = key.partition("/")
         with self._transaction() as db:
-            row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (int(rowid),)).fetchone()
-            if row is None:
-                return "it no longer exists"
-            self._lost.keep_row(table, dict(row), why)
-            db.execute(f"DELETE FROM {table} WHERE rowid = ?", (int(rowid),))
-        return f"the row was moved to {self._lost.folder / 'rows.jsonl'}"
+            rows = db.execute(f"DELETE FROM {table} WHERE rowid = ? RETURNING *", (int(rowid),)).fetchall()
+        return f"removed: {_describe(dict(rows[0]))}; {self._original}" if rows else "it no longer exists"
 
     def _unreadable_row(self, key: str) -> str:
         table, _, rowid = key.partition("/")
         with self._transaction() as db:
             row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (int(rowid),)).fetchone()
-            if row is None:
-                return "it no longer exists"
-            changes = repaired_columns(db, table, dict(row))
-            if changes:
-                self._lost.keep_row(table, dict(row), "the service could not return it; it was corrected")
-                columns = ", ".join(f"{name} = ?" for name in changes)
-                db.execute(f"UPDATE {table} SET {columns} WHERE rowid = ?", (*changes.values(), int(rowid)))
-        if changes is None:
-            return self._move_row_aside(key)
-        outcome = f"it is now {changes['state']}" if "state" in changes else "it can be read now"
-        return f"{outcome}; the original row is in {self._lost.folder / 'rows.jsonl'}"
+            if row is not None and (rebuilt := rebuilt_row(db, table, dict(row))) is not None:
+                changed = {name: value for name, value in rebuilt.items() if value != row[name]}
+                for name, value in changed.items():
+                    db.execute(f"UPDATE {table} SET {name} = ? WHERE rowid = ?", (value, int(rowid)))
+                return f"now {_describe(changed)}; {self._original}"
+        return self._remove_row(key)
 
     def _orphan_row(self, key: str) -> str:
         table, _, rowid = key.partition("/")
         if table != "scans":
-            return self._move_row_aside(key, "the row that it belongs to does not exist")
+            return self._remove_row(key)
         without_recording = "rowid = ? AND recording NOT IN (SELECT id FROM recordings)"
         with self._transaction() as db:
             changed = db.execute(f"UPDATE scans SET recording = NULL WHERE {without_recording}", (int(rowid),)).rowcount
@@ -201,12 +201,9 @@ class _Repairer:
 
     def _recording_without_file(self, recording_id: str) -> str:
         with self._transaction() as db:
-            row = db.execute("SELECT * FROM recordings WHERE id = ?", (recording_id,)).fetchone()
-            if row is not None:
-                self._lost.keep_row("recordings", dict(row), "its file cannot be used")
-                db.execute("UPDATE scans SET recording = NULL WHERE recording = ?", (recording_id,))
-                db.execute("DELETE FROM recordings WHERE id = ?", (recording_id,))
-        return f"its row was moved to {self._lost.folder / 'rows.jsonl'}; its scans have no recording"
+            db.execute("UPDATE scans SET recording = NULL WHERE recording = ?", (recording_id,))
+            db.execute("DELETE FROM recordings WHERE id = ?", (recording_id,))
+        return f"its row was removed, and its scans have no recording; {self._original}"
 
     def _changed_recording(self, recording_id: str) -> str:
         path = self._target.root / "recordings" / f"{recording_id}.mcap"
@@ -256,3 +253,7 @@ class _Repairer:
         row = describe_untrusted_recording(recording_id, path, hash_file(path).sha256)
         missing = [view for view in self._store.views([recording_id]) if view.state == "missing"]
         return replace(row, missing=[*(missing_view(view.view, view.reason or "") for view in missing), *row.missing])
+
+
+def _describe(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name} = {reprlib.repr(value)}" for name, value in values.items())

@@ -4,8 +4,6 @@ A row that the service cannot return makes every list fail that contains it.
 """
 
 import reprlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
@@ -16,8 +14,7 @@ from service.api.schemas.scan_resource import scan_resource
 from service.storage.data_folder import ID
 from service.storage.rows import (
     CalibrationRow,
-    CalibrationViewRow,
-    RecordingRow,
+    Row,
     ScanRow,
     ViewRow,
     to_calibration,
@@ -41,95 +38,25 @@ class _File(BaseModel):
 _FILES: TypeAdapter[dict[str, _File]] = TypeAdapter(dict[str, _File])
 
 
-def decode_recording(values: dict[str, Any]) -> RecordingRow:
-    """Return the recording of these columns.
-
-    Raises:
-        UnreadableRowError: A column is missing or invalid.
-    """
-    with _unreadable_on_error(values):
-        row = to_recording(values)  # pyright: ignore[reportArgumentType] (is read by column names, like a sqlite3.Row)
-        _require_id(row.id)
-        recording_resource(row)
-        return row
-
-
-def decode_scan(values: dict[str, Any]) -> ScanRow:
-    """Return the scan of these columns.
-
-    Raises:
-        UnreadableRowError: A column is missing or invalid.
-    """
-    with _unreadable_on_error(values):
-        row = to_scan(values)  # pyright: ignore[reportArgumentType]
-        _require_id(row.id)
-        scan_resource(row, [])
-        if row.files is not None:
-            _FILES.validate_python(row.files)
-        return row
-
-
-def decode_view(values: dict[str, Any], scan_of: Callable[[str], ScanRow | None]) -> ViewRow:
-    """Return the view of these columns.
+def decode_row(table: str, values: dict[str, Any], parent: Row | None = None) -> Row:
+    """Return the row of these columns.
 
     Args:
+        table: `recordings`, `scans`, `views`, `calibrations` or `calibration_views`.
         values: Columns of the row.
-        scan_of: Returns the scan with an id; None if it cannot be read.
+        parent: Scan or calibration of a view. None: it cannot be read, or there is none.
 
     Raises:
         UnreadableRowError: A column is missing or invalid.
     """
-    with _unreadable_on_error(values):
-        row = ViewRow(**values)
-        _require_id(row.scan)
-        for name in ("offset_bytes", "size_bytes"):
-            if not isinstance(values[name], int | None):
-                raise ValueError(f"{name} is {reprlib.repr(values[name])}, which is not a number")
-        if (scan := scan_of(row.scan)) is not None:
-            scan_resource(scan, [row])
-        return row
-
-
-def decode_calibration(values: dict[str, Any]) -> CalibrationRow:
-    """Return the calibration of these columns.
-
-    Raises:
-        UnreadableRowError: A column is missing or invalid.
-    """
-    with _unreadable_on_error(values):
-        row = to_calibration(values)  # pyright: ignore[reportArgumentType]
-        _require_id(row.id)
-        run_resource(row, [])
-        return row
-
-
-def decode_calibration_view(
-    values: dict[str, Any], calibration_of: Callable[[str], CalibrationRow | None]
-) -> CalibrationViewRow:
-    """Return the calibration view of these columns.
-
-    Args:
-        values: Columns of the row.
-        calibration_of: Returns the calibration with an id; None if it cannot be read.
-
-    Raises:
-        UnreadableRowError: A column is missing or invalid.
-    """
-    with _unreadable_on_error(values):
-        row = to_calibration_view(values)  # pyright: ignore[reportArgumentType]
-        if (calibration := calibration_of(row.calibration)) is not None:
-            run_resource(calibration, [row])
-        return row
-
-
-@contextmanager
-def _unreadable_on_error(values: dict[str, Any]) -> Iterator[None]:
-    """Turn every error of the decoding into an UnreadableRowError with a message of one line."""
     try:
         for name, value in values.items():
             if isinstance(value, bytes):  # SQLite accepts any bytes in a text column
                 raise ValueError(f"{name} is {reprlib.repr(value)}, which is not text")
-        yield
+        row, row_id = _decode(table, values, parent)
+        if not isinstance(row_id, str) or not ID.fullmatch(row_id):  # no file may be opened by it
+            raise ValueError(f"{reprlib.repr(row_id)} is not an id")
+        return row
     except ValidationError as error:
         raise UnreadableRowError("; ".join(map(_describe, error.errors(include_url=False)))) from error
     except KeyError as error:
@@ -138,12 +65,36 @@ def _unreadable_on_error(values: dict[str, Any]) -> Iterator[None]:
         raise UnreadableRowError(str(error)) from error
 
 
+def _decode(table: str, values: Any, parent: Row | None) -> tuple[Row, object]:
+    """Return a row and the id by which its files are opened. The columns are read by name, as in a sqlite3.Row."""
+    match table:
+        case "recordings":
+            row = to_recording(values)
+            recording_resource(row)
+        case "scans":
+            row = to_scan(values)
+            scan_resource(row, [])
+            if row.files is not None:
+                _FILES.validate_python(row.files)
+        case "views":
+            view = ViewRow(**values)
+            for name in ("offset_bytes", "size_bytes"):
+                if not isinstance(values[name], int | None):
+                    raise ValueError(f"{name} is {reprlib.repr(values[name])}, which is not a number")
+            if isinstance(parent, ScanRow):
+                scan_resource(parent, [view])
+            return view, view.scan
+        case "calibrations":
+            row = to_calibration(values)
+            run_resource(row, [])
+        case _:
+            view = to_calibration_view(values)
+            if isinstance(parent, CalibrationRow):
+                run_resource(parent, [view])
+            return view, view.calibration
+    return row, row.id
+
+
 def _describe(error: Any) -> str:
     where = ".".join(map(str, error["loc"])) or "it"
     return f"{where} is {reprlib.repr(error['input'])}: {error['msg']}"
-
-
-def _require_id(row_id: object) -> None:
-    """Raise ValueError for an id that the service did not make: no file may be opened by it."""
-    if not isinstance(row_id, str) or not ID.fullmatch(row_id):
-        raise ValueError(f"{reprlib.repr(row_id)} is not an id")

@@ -1,22 +1,28 @@
-"""Repair of unreadable rows, with as few changed columns as possible.
+"""Repair of unreadable rows: they are rebuilt from their readable columns and from what else the database says.
 
-A repaired row keeps its id, so its results, recording and views still belong to it.
+The files of a scan or calibration do not name its recording, requester, inputs or mark, so no row can be rebuilt from
+them alone. A rebuilt row keeps its id, so its results, recording and views still belong to it.
 """
 
 import json
 import sqlite3
-from collections.abc import Callable, Iterator
 from typing import Any
 
 from service.errors import Failure
-from service.integrity.row_decoding import UnreadableRowError, decode_calibration, decode_scan
+from service.integrity.row_decoding import UnreadableRowError, decode_row
 from service.storage.rows import stored
 
-UNREADABLE = "its database row was damaged; the original row is in lost+found: run it again"
+_UNKNOWN: dict[str, dict[str, Any]] = {
+    "scans": dict.fromkeys(("files", "inputs", "source", "requested_by", "calibration_sha256")),
+    "calibrations": {"board": None, "coverage": 0.0, "warnings": "[]", "result": None, "verification": None},
+}
+"""Columns that a row can do without, each with the value for an unknown one."""
+_DAMAGED = Failure("damaged", "its database row was damaged; the original row is in lost+found: run it again")
+_FAILED = {"state": "failed", "stage": None, "fraction": 0.0, "failure": stored(_DAMAGED)}
 
 
-def repaired_columns(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the columns to change, with their new values.
+def rebuilt_row(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the row with its own outcome, else with the known one, else as failed.
 
     Args:
         db: Connection to the database of the row.
@@ -24,59 +30,36 @@ def repaired_columns(db: sqlite3.Connection, table: str, values: dict[str, Any])
         values: Columns of the row.
 
     Returns:
-        An empty dictionary if the row is readable; None if no change makes it readable.
+        All columns; None if the row cannot be rebuilt.
     """
-    if table == "scans":
-        return _first_readable(values, decode_scan, _scan_changes(db, values))
-    if table == "calibrations":
-        return _first_readable(values, decode_calibration, _calibration_changes(values))
+    if table not in _UNKNOWN:
+        return None
+    failed = _FAILED | ({"summary": None, "files": None} if table == "scans" else {})
+    for outcome in ({}, _known_outcome(db, table, values), failed):
+        row = values | _UNKNOWN[table] | outcome
+        if _is_readable(table, row):
+            known = {name: values[name] for name in _UNKNOWN[table]}
+            return row | {n: v for n, v in known.items() if n not in outcome and _is_readable(table, row | {n: v})}
     return None
 
 
-def _first_readable(
-    values: dict[str, Any], decode: Callable[[dict[str, Any]], object], changes: Iterator[dict[str, Any]]
-) -> dict[str, Any] | None:
-    """Apply the changes one after the other, each on top of the earlier ones, until the row is readable."""
-    applied: dict[str, Any] = {}
-    for change in ({}, *changes):
-        applied |= change
-        try:
-            decode(values | applied)
-        except UnreadableRowError:
-            continue
-        return applied
-    return None
-
-
-def _scan_changes(db: sqlite3.Connection, values: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield changes, from values that are known for certain to a failed scan without a result."""
-    event = _last_event(db, values["id"])
-    yield {name: event[name] for name in ("state", "stage", "fraction") if name in event}
-    yield {name: stored(event[name]) for name in ("failure", "summary") if name in event}
-    yield {"files": None, "inputs": None}
-    yield {"source": None, "requested_by": None, "calibration_sha256": None}
-    yield _failed() | {"summary": None}
-
-
-def _last_event(db: sqlite3.Connection, scan_id: object) -> dict[str, Any]:
-    """Return the event that was written together with the last state of the scan; empty if none can be read."""
-    sql = "SELECT data FROM events WHERE scan = ? AND kind = 'state' ORDER BY id DESC LIMIT 1"
-    row = db.execute(sql, (scan_id,)).fetchone()
+def _is_readable(table: str, values: dict[str, Any]) -> bool:
     try:
-        event = json.loads(row["data"]) if row is not None else {}
-    except (ValueError, TypeError):
+        decode_row(table, values)
+    except UnreadableRowError:
+        return False
+    return True
+
+
+def _known_outcome(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any]:
+    """Return what was written together with the last state of the scan, or with the result of the calibration."""
+    if table == "calibrations":
+        result = values["result" if values["kind"] == "calibration" else "verification"]
+        return _FAILED | {"state": "succeeded", "fraction": 1.0, "failure": None} if result else {}
+    sql = "SELECT data FROM events WHERE scan = ? AND kind = 'state' ORDER BY id DESC LIMIT 1"
+    row = db.execute(sql, (values["id"],)).fetchone()
+    try:
+        event = json.loads(row["data"])
+        return {name: stored(event[name]) for name in (*_FAILED, "summary") if name in event}
+    except (ValueError, TypeError):  # no event, or an unreadable one
         return {}
-    return event if isinstance(event, dict) else {}
-
-
-def _calibration_changes(values: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    if values["result" if values["kind"] == "calibration" else "verification"]:
-        # the result is written together with the final state
-        yield {"state": "succeeded", "stage": None, "fraction": 1.0, "failure": None}
-    yield _failed()
-    yield {"board": None, "coverage": 0.0, "warnings": "[]", "result": None, "verification": None}
-
-
-def _failed() -> dict[str, Any]:
-    failure = stored(Failure("damaged", UNREADABLE))
-    return {"state": "failed", "stage": None, "fraction": 0.0, "failure": failure}

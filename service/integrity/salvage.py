@@ -1,123 +1,103 @@
-"""Recovery of a damaged database: every row that can still be read is copied into a new database."""
+"""Recovery of a damaged database: every row that can still be read is copied into a new database.
+
+Recordings and results alone would not do: they know no events, idempotency keys, audit entries, calibrations or marks.
+"""
 
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from calibration.atomic_write import sync_folder
 from service.integrity.database_check import TABLES, read_only
-from service.integrity.lost_and_found import LostAndFound
 from service.storage.database import Database
 
+MAX_ROWID = 2**63 - 1
+"""Largest row id of SQLite."""
 MAX_GAP_ROWS = 100_000
-"""Limit on the row ids that are tried one by one, between the rows readable from both ends of a table."""
+"""Limit on the row ids that are tried, one by one, to get past an unreadable part of a table."""
 
 
-@dataclass(frozen=True)
-class RecoveredTable:
-    """Outcome of the recovery of one table."""
-
-    table: str
-    recovered: int
-    """Count of rows copied."""
-    rejected: int
-    """Count of rows that could be read but violate a constraint of the table."""
-    has_unreadable_part: bool
-    """Whether a part of the table cannot be read. Its rows may be lost."""
-
-
-def recover_database(database: Path, lost: LostAndFound) -> list[RecoveredTable]:
-    """Replace a damaged database by a new one with all readable rows.
-
-    The files of the damaged database are copied to `lost` first. No other process may have it open.
+def recover_database(database: Path, copy: Path) -> list[str]:
+    """Replace a damaged database by a new one with all readable rows. No other process may have it open.
 
     Args:
         database: File of the database.
-        lost: Folder that keeps the damaged database.
+        copy: Complete copy of it, from which the rows are read.
 
     Returns:
-        The outcome for each table.
+        A message for each table.
 
     Raises:
         OSError: A file cannot be written, for example for lack of space. The database is then unchanged.
     """
-    files = [path for suffix in ("", "-wal") if (path := Path(f"{database}{suffix}")).exists()]
-    copies = [lost.copy(path, "the damaged database") for path in files]
     fresh = database.with_name(f".{database.name}.new")
     for suffix in ("", "-wal", "-shm"):
         Path(f"{fresh}{suffix}").unlink(missing_ok=True)  # left by a repair that was killed
     Database(fresh).close()
-    tables = _copy_tables(copies[0], fresh) if copies else []
-    # from here on only the copies hold the old database; its log goes first, so that the new one never uses it
+    with closing(sqlite3.connect(fresh, isolation_level=None)) as new:
+        new.execute("PRAGMA synchronous = FULL")
+        messages = [_copy_table(copy, new, table) for table in TABLES]
+        new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        new.execute("PRAGMA journal_mode = DELETE")  # leaves everything in the one file that is moved
+    # from here on only the copy holds the old database; its log goes first, so that the new one never uses it
     for suffix in ("-shm", "-wal"):
         Path(f"{database}{suffix}").unlink(missing_ok=True)
     fresh.replace(database)
     sync_folder(database.parent)
-    return tables
+    return messages
 
 
-def _copy_tables(damaged: Path, fresh: Path) -> list[RecoveredTable]:
-    tables = []
-    with closing(sqlite3.connect(fresh, isolation_level=None)) as new:
-        new.execute("PRAGMA synchronous = FULL")
-        for table in TABLES:
-            tables.append(_copy_table(damaged, new, table))
-        new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        new.execute("PRAGMA journal_mode = DELETE")  # leaves everything in the one file that is moved
-    return tables
-
-
-def _copy_table(damaged: Path, new: sqlite3.Connection, table: str) -> RecoveredTable:
+def _copy_table(copy: Path, new: sqlite3.Connection, table: str) -> str:
     columns = [row[1] for row in new.execute(f"PRAGMA table_info({table})")]
     recovered = rejected = 0
-    errors: list[str] = []
+    errors: set[str] = set()
     new.execute("BEGIN")
-    for values in _readable_rows(damaged, table, errors):
+    for values in _readable_rows(copy, table, errors):
         known = {name: value for name, value in values.items() if name in columns}
         sql = f"INSERT INTO {table} ({', '.join(known)}) VALUES ({', '.join('?' * len(known))})"
         try:
             new.execute(sql, list(known.values()))
             recovered += 1
-        except sqlite3.Error:
+        except sqlite3.Error:  # it violates a constraint of the table
             rejected += 1
     new.execute("COMMIT")
-    return RecoveredTable(table, recovered, rejected, bool(errors))
+    part = ", and a part of the table cannot be read" if errors else ""
+    return f"{table}: {recovered} rows recovered, {rejected} rejected{part}"
 
 
-def _readable_rows(damaged: Path, table: str, errors: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield each readable row once, and append to `errors` where reading fails.
+def _readable_rows(copy: Path, table: str, errors: set[str]) -> Iterator[dict[str, Any]]:
+    """Yield each readable row, and add the errors of reading to `errors`.
 
-    Reads upwards from the first row to the unreadable part, then downwards from the last row to it. Row ids in between
-    are tried one by one.
+    Reads upwards. After an error, the next row ids are tried. If none can be read, reads downwards from the last row.
     """
-    with read_only(damaged) as db:  # must not change the copy
-        low = high = None
-        for ascending in (True, False):
-            remaining = "" if low is None or ascending else f"WHERE rowid > {low}"
-            order = f"ORDER BY rowid {'ASC' if ascending else 'DESC'}"
-            reached = None
-            try:
-                for row in db.execute(f"SELECT rowid AS checked_rowid, * FROM {table} {remaining} {order}"):
-                    values = dict(row)
-                    reached = values.pop("checked_rowid")
-                    yield values
-            except sqlite3.DatabaseError as error:
-                errors.append(str(error))
-            else:
-                return
-            finally:
-                if ascending:
-                    low = reached
-                else:
-                    high = reached
-        if low is None and high is None:  # the root page of the table is gone, so no row can be found
+    with read_only(copy) as db:  # must not change the copy
+        low = failed = 0
+        try:
+            db.execute(f"SELECT 1 FROM {table} LIMIT 0")
+        except sqlite3.DatabaseError as error:  # the list of tables cannot be read
+            errors.add(str(error))
             return
-        first = 1 if low is None else low + 1
-        last = first + MAX_GAP_ROWS if high is None else min(high, first + MAX_GAP_ROWS)
-        for rowid in range(first, last):
-            with suppress(sqlite3.DatabaseError):  # the row is in the unreadable part
-                for row in db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (rowid,)):
-                    yield dict(row)
+        while failed <= MAX_GAP_ROWS:
+            try:
+                row = _read_row(db, table, ">= ? ORDER BY rowid", low)
+            except sqlite3.DatabaseError as error:
+                errors.add(str(error))
+                low, failed = low + 1, failed + 1
+                continue
+            if row is None:
+                return
+            yield dict(row)
+            low, failed = max(low, row["checked_rowid"]) + 1, 0
+        high = MAX_ROWID
+        with suppress(sqlite3.DatabaseError):
+            while row := _read_row(db, table, "BETWEEN ? AND ? ORDER BY rowid DESC", low, high):
+                yield dict(row)
+                high = min(high, row["checked_rowid"]) - 1
+
+
+def _read_row(db: sqlite3.Connection, table: str, condition: str, *rowids: int) -> sqlite3.Row | None:
+    """Read one row. A statement for many rows would lose the last one before an error."""
+    sql = f"SELECT rowid AS checked_rowid, * FROM {table} WHERE rowid {condition} LIMIT 1"
+    return db.execute(sql, rowids).fetchone()

@@ -51,6 +51,11 @@ class Data:
         with closing(sqlite3.connect(self.root / "pointchain.sqlite3")) as db:
             return db.execute(sql, values).fetchone()
 
+    def original(self, sql: str, *values: object) -> tuple[object, ...]:
+        """Return a row of the database as it was before the only repair."""
+        with closing(sqlite3.connect(self.lost("pointchain.sqlite3"))) as db:
+            return db.execute(sql, values).fetchone()
+
     def change(self, sql: str, *values: object) -> None:
         with closing(sqlite3.connect(self.root / "pointchain.sqlite3")) as db, db:
             db.execute(sql, values)

@@ -18,8 +18,8 @@ def add_integrity_command(commands: Commands) -> None:
     doctor.add_argument(
         "--repair",
         action="store_true",
-        help="repair what can be repaired; the service must be stopped. Rows are corrected. Nothing that holds data "
-        "is deleted: it is moved to DATA_DIR/lost+found",
+        help="repair what can be repaired; the service must be stopped. The database is copied to DATA_DIR/lost+found "
+        "first. No file that holds data is deleted: it is moved to that folder",
     )
     doctor.add_argument("--quick", action="store_true", help="compare sizes only; read no file")
     add_json_option(doctor)

@@ -79,8 +79,7 @@ def test_an_unreadable_recording_is_moved_to_lost_and_found_with_its_row(data: D
     assert data.codes() == {"recording-changed"}
     data.repair()
     assert data.lost("upload-1.mcap").read_bytes() == content
-    row = json.loads(data.lost("rows.jsonl").read_text())
-    assert (row["table"], row["row"]["id"]) == ("recordings", UPLOAD)
+    assert data.original("SELECT views FROM recordings WHERE id = ?", UPLOAD) == (4,)
     assert "upload-1.mcap from" in data.lost("what-is-here.txt").read_text()
     assert data.row("SELECT recording, state FROM scans WHERE id = ?", REPLAY) == (None, "succeeded")
 
@@ -276,7 +275,8 @@ def test_the_command_checks_and_repairs(
     document = json.loads(output.out)
     assert document["well"]
     assert len(document["repaired"]) == 1
-    assert "rows.jsonl" in output.err
+    (copy,) = data.root.glob("lost+found/*/pointchain.sqlite3")
+    assert str(copy) in output.err
     assert run("--data-dir", str(data.root / "none")) == 1
     (data.root / "unused").mkdir()
     capsys.readouterr()

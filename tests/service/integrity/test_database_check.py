@@ -1,8 +1,8 @@
 """A damaged database is kept, its readable rows are recovered, and recordings that lost their row are adopted."""
 
 import dataclasses
-import json
 import random
+import shutil
 import sqlite3
 from contextlib import closing
 from pathlib import Path
@@ -11,6 +11,7 @@ import pytest
 
 from service.integrity.database_check import TABLES
 from service.integrity.repair import repair
+from service.integrity.salvage import recover_database
 from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
@@ -20,14 +21,16 @@ from service.storage.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 
-def test_unreadable_rows_are_moved_to_lost_and_found(data: Data) -> None:
+def test_unreadable_rows_are_removed_and_stay_in_the_copy_of_the_database(data: Data) -> None:
     data.change("UPDATE recordings SET missing = '[not json' WHERE id = ?", UPLOAD)
     data.change("INSERT INTO views VALUES ('nobody', 1, 'recorded', NULL, '', NULL, NULL, NULL)")
     data.change("UPDATE scans SET id = '../out' WHERE id = ?", LIVE)
     assert {"row-unreadable", "row-without-parent"} <= data.codes()
-    data.repair()
-    kept = [json.loads(line)["table"] for line in data.lost("rows.jsonl").read_text().splitlines()]
-    assert {"recordings", "views", "scans"} <= set(kept)
+    messages = data.repair()
+    assert any(message.startswith("views, ") and "removed: scan = 'nobody'" in message for message in messages)
+    assert data.original("SELECT missing FROM recordings WHERE id = ?", UPLOAD) == ("[not json",)
+    assert data.original("SELECT count(*) FROM views WHERE scan = 'nobody'") == (1,)
+    assert data.original("SELECT count(*) FROM scans WHERE id = '../out'") == (1,)
     # the files of the recordings are intact, so they are adopted again
     assert data.row("SELECT count(*) FROM recordings") == (2,)
 
@@ -52,6 +55,32 @@ def test_a_damaged_database_is_kept_and_its_readable_rows_are_recovered(data: Da
     assert isinstance(scans, int)
     assert 200 < scans < 302  # the rows on the other pages
     assert data.lost("pointchain.sqlite3").read_bytes() == bytes(content)
+
+
+def test_all_rows_outside_the_unreadable_parts_are_recovered(data: Data, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.integrity.salvage.MAX_GAP_ROWS", 1000)
+    folder = DataFolder(data.root)
+    store = Store(folder)
+    scans = [new_scan("replay", "graph", None, NOBODY) for _ in range(300)]
+    for scan in scans:
+        store.add_scan(dataclasses.replace(scan, state="failed"))
+    store.close()
+    folder.close()
+    database = data.root / "pointchain.sqlite3"
+    content = database.read_bytes()
+    pages = [content[start : start + 4096] for start in range(0, len(content), 4096)]
+    leaves = [number for number, page in enumerate(pages) if b"replaygraph" in page]
+    damaged = {leaves[index] for index in (0, len(leaves) // 3, len(leaves) // 2, -1)}
+    database.write_bytes(b"".join(bytes(4096) if n in damaged else page for n, page in enumerate(pages)))
+    lost = b"".join(pages[number] for number in damaged)
+    copy = data.root / "copy.sqlite3"
+    shutil.copy(database, copy)
+    recover_database(database, copy)
+    with closing(sqlite3.connect(database)) as db:
+        recovered = {row[0] for row in db.execute("SELECT id FROM scans")}
+    assert len(damaged) == 4
+    assert recovered >= {scan.id for scan in scans if scan.id.encode() not in lost}
+    assert 100 < len(recovered) < 300
 
 
 @pytest.mark.parametrize("content", [b"this is no database" * 500, None], ids=["another", "none"])
