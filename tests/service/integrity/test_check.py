@@ -1,6 +1,7 @@
 """The integrity check finds each kind of damage to files. A repair leaves no finding and deletes no data."""
 
 import dataclasses
+import errno
 import hashlib
 import json
 import os
@@ -177,6 +178,26 @@ def test_files_without_a_row_are_moved_to_lost_and_found(data: Data) -> None:
     kept = {path.read_text() for path in data.root.glob("lost+found/*/*/model.json")}
     assert kept == {"scans/s9", "calibration/runs/run-9", "incoming/s9"}
     assert (data.root / "calibration" / "runs" / "2026-01-02_03-04-05").exists()
+
+
+def test_a_repair_first_copies_the_database(data: Data, monkeypatch: pytest.MonkeyPatch) -> None:
+    (data.root / "incoming" / "s9").mkdir()
+    data.change("UPDATE calibrations SET state = 'scanning'")
+    database = data.root / "pointchain.sqlite3"
+    before = database.read_bytes()
+
+    def copy_half(source: Path, target: Path) -> None:
+        target.write_bytes(source.read_bytes()[:100])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, "copy2", copy_half)
+        with pytest.raises(OSError, match="No space"):
+            repair(data.store, pytest.fail)
+    assert database.read_bytes() == before
+    assert list(data.root.glob("lost+found/*/*")) == []
+    data.repair()
+    assert data.lost("pointchain.sqlite3").read_bytes() == before
 
 
 def test_unfinished_work_becomes_interrupted(data: Data) -> None:
