@@ -137,17 +137,23 @@ class Runner:
             self._ids[{"recordings": "REC", "runs": "RUN", "scans": "SCAN"}[kind]] = made[1]
 
 
+@pytest.fixture(scope="module")
+def shared_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A live cell for all pages: they show a service that has been running for a while."""
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
+        yield live
+
+
 @pytest.fixture
-def cell(request: pytest.FixtureRequest, serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """A live cell where the page speaks to the service; else None."""
+def cell(request: pytest.FixtureRequest) -> LiveCell | None:
+    """The live cell if the page speaks to the service. Recognition is loaded, and no job is under way."""
     page: Path = request.getfixturevalue("page")
     if not any(ADDRESS in block.text for block in to_run(page)):
-        yield None
-        return
-    with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
-        # The pages show a service that has been running for a while: recognition is loaded.
-        wait_until(lambda: live.client.get("/readyz").status_code == 200)
-        yield live
+        return None
+    live: LiveCell = request.getfixturevalue("shared_cell")
+    live.is_well()
+    wait_until(lambda: live.client.get("/readyz").status_code == 200)
+    return live
 
 
 @pytest.mark.timeout(600)
