@@ -78,24 +78,10 @@ def read_file(path: Path, size_bytes: int) -> bytes:
     return content
 
 
-class WholeFileResponse(FileResponse):
+class _WholeFileResponse(FileResponse):
     """A file that is always sent whole, because Starlette refuses a bad Range without a problem document."""
 
-    def __init__(self, path: Path, media_type: str, filename: str | None, file_stat: os.stat_result, etag: str) -> None:
-        """Create the response.
-
-        Args:
-            path: The file.
-            media_type: Its media type.
-            filename: Name under which a browser saves the file. None: the browser shows it.
-            file_stat: Status of the file, from `stat_file`.
-            etag: ETag of the file, from `stat_file`.
-        """
-        headers = {"accept-ranges": "none", "etag": etag}
-        super().__init__(path, media_type=media_type, filename=filename, headers=headers, stat_result=file_stat)
-
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send the file, and ignore a header Range."""
         headers = [(name, value) for name, value in scope["headers"] if name.lower() != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
 
@@ -125,7 +111,8 @@ def send_file(
     file_stat, etag = stat_file(path, sha256, size_bytes)
     if matches(if_none_match, etag):
         return not_modified_response(etag)
-    file = WholeFileResponse(path, media_type, save_as, file_stat, etag)
+    headers = {"accept-ranges": "none", "etag": etag}
+    file = _WholeFileResponse(path, 200, headers, media_type, filename=save_as, stat_result=file_stat)
     if file_stat.st_size > MAX_BUFFERED_BYTES:
         return file
     return Response(read_file(path, file_stat.st_size), headers=dict(file.headers))
