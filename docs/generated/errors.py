@@ -34,7 +34,7 @@ A scan or calibration without a result has the same document as its `problem`. T
 | `status` | The HTTP status. In a scan's `problem`: the status that fits the type. |
 | `detail` | What happened this time and what to do, for people. Its text may change in any version. |
 | `instance` | Path of the request, or of the scan. |
-| `parameters` | The values in the detail, by name, for translations; left out or null if there are none. |
+| `parameters` | The values in the detail, by name, for translations. Empty if there are none. |
 | `errors` | Only with `invalid-request`: a list of `where` and `what`, one for each wrong place. |
 
 The member `problem` of `GET /api/cell` is a type too, without a document around it. The Python client has the name of

@@ -11,7 +11,8 @@ from typing import Any
 
 from calibration.atomic_write import sync_folder
 from service.integrity.database_check import TABLES, read_only
-from service.storage.database import Database
+from service.storage.database import migrate
+from service.storage.migrations import VERSION
 
 MAX_ROWID = 2**63 - 1
 """Largest row id of SQLite."""
@@ -35,12 +36,13 @@ def recover_database(database: Path, copy: Path) -> list[str]:
     fresh = database.with_name(f".{database.name}.new")
     for suffix in ("", "-wal", "-shm"):
         Path(f"{fresh}{suffix}").unlink(missing_ok=True)  # left by a repair that was killed
-    Database(fresh).close()
-    with closing(sqlite3.connect(fresh, isolation_level=None)) as new:
+    with closing(sqlite3.connect(fresh, isolation_level=None)) as new:  # without a log: one file is moved
         new.execute("PRAGMA synchronous = FULL")
+        new.execute("BEGIN")
+        migrate(new, _version(copy))
         messages = [_copy_table(copy, new, table) for table in TABLES]
-        new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        new.execute("PRAGMA journal_mode = DELETE")  # leaves everything in the one file that is moved
+        migrate(new)
+        new.execute("COMMIT")
     # from here on only the copy holds the old database; its log goes first, so that the new one never uses it
     for suffix in ("-shm", "-wal"):
         Path(f"{database}{suffix}").unlink(missing_ok=True)
@@ -49,11 +51,20 @@ def recover_database(database: Path, copy: Path) -> list[str]:
     return messages
 
 
+def _version(copy: Path) -> int:
+    """Return the version of the tables, whose columns the rows have; the present one if it cannot be read."""
+    try:
+        with read_only(copy) as db:
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+    except sqlite3.DatabaseError:
+        return VERSION
+    return version if 0 < version <= VERSION else VERSION
+
+
 def _copy_table(copy: Path, new: sqlite3.Connection, table: str) -> str:
     columns = [row[1] for row in new.execute(f"PRAGMA table_info({table})")]
     recovered = rejected = 0
     errors: set[str] = set()
-    new.execute("BEGIN")
     for values in _readable_rows(copy, table, errors):
         known = {name: value for name, value in values.items() if name in columns}
         sql = f"INSERT INTO {table} ({', '.join(known)}) VALUES ({', '.join('?' * len(known))})"
@@ -62,7 +73,6 @@ def _copy_table(copy: Path, new: sqlite3.Connection, table: str) -> str:
             recovered += 1
         except sqlite3.Error:  # it violates a constraint of the table
             rejected += 1
-    new.execute("COMMIT")
     part = ", and a part of the table cannot be read" if errors else ""
     return f"{table}: {recovered} rows recovered, {rejected} rejected{part}"
 

@@ -43,16 +43,14 @@ def problem_document(
         slug: Type of the problem.
         detail: What happened and what to do.
         instance: Path of the request or of the job that has the problem.
-        parameters: Values in the detail, by name. The member is left out if there are none.
+        parameters: Values in the detail, by name.
         more: Further members.
     """
     error = error_document(slug, detail)
     document = {"type": error["type"], "title": error["title"], "status": status_of(slug), "detail": detail}
     if instance is not None:
         document["instance"] = instance
-    if parameters:
-        document["parameters"] = dict(parameters)
-    return document | more
+    return document | {"parameters": dict(parameters or {})} | more
 
 
 def failure_document(failure: Failure, instance: str) -> dict[str, Any]:

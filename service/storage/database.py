@@ -160,10 +160,16 @@ class Database:
                     f"{self._path} has tables of version {version}, this software knows {VERSION}: "
                     "use a later release, or another data_dir"
                 )
-            for migration in MIGRATIONS[version:]:
-                for statement in _statements(migration):
-                    db.execute(statement)
-            db.execute(f"PRAGMA user_version = {VERSION}")
+            migrate(db)
+
+
+def migrate(db: sqlite3.Connection, version: int = VERSION) -> None:
+    """Create the tables of a version, or migrate those of an earlier one. The caller holds the transaction."""
+    (present,) = db.execute("PRAGMA user_version").fetchone()
+    for migration in MIGRATIONS[present:version]:
+        for statement in _statements(migration):
+            db.execute(statement)
+    db.execute(f"PRAGMA user_version = {version}")
 
 
 def _statements(script: str) -> Iterator[str]:

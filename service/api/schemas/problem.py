@@ -21,8 +21,8 @@ class Problem(ApiModel):
     status: int
     detail: str
     instance: str | None = None
-    parameters: dict[str, str | int | float] | None = Field(
-        default=None, description="Values that the detail contains, by name. A translation of the detail uses them."
+    parameters: dict[str, str | int | float] = Field(
+        default={}, description="Values that the detail contains, by name. A translation of the detail uses them."
     )
 
 

@@ -15,7 +15,7 @@ from service.integrity.salvage import recover_database
 from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
-from service.storage.database import Database
+from service.storage.database import Database, new_id, now
 from service.storage.migrations import MIGRATIONS, VERSION
 from service.storage.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
@@ -105,6 +105,26 @@ def test_tables_of_an_earlier_version_are_migrated(tmp_path: Path) -> None:
     assert data.codes() == {"database-older"}
     data.repair()
     assert data.row("PRAGMA user_version") == (VERSION,)
+
+
+def test_the_readable_rows_of_an_earlier_version_are_recovered_and_migrated(tmp_path: Path) -> None:
+    database = tmp_path / "pointchain.sqlite3"
+    with closing(sqlite3.connect(database)) as db, db:
+        db.executescript("".join(MIGRATIONS[:7]) + "PRAGMA user_version = 7")
+        columns = "id, mode, method, state, fraction, created_at, asked_by"
+        rows = [(new_id(), "live", "graph", "failed", 0.0, now(), "Ada") for _ in range(300)]
+        db.executemany(f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+    content = bytearray(database.read_bytes())
+    page = content.index(b"live", len(content) // 3) // 4096 * 4096  # in the middle of the rows
+    content[page : page + 4096] = random.Random(1).randbytes(4096)
+    database.write_bytes(content)
+    data = Data(tmp_path, ())
+    assert data.codes() == {"database-corrupt"}
+    data.repair()
+    assert data.row("PRAGMA user_version") == (VERSION,)
+    (scans,) = data.row("SELECT count(*) FROM scans WHERE requested_by = 'Ada'")
+    assert isinstance(scans, int)
+    assert 200 < scans < 300  # the rows on the other pages
 
 
 def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -> None:

@@ -127,13 +127,14 @@ def test_each_problem_of_a_response_or_a_job_has_a_status(classes: set[type[Exce
 
 
 def test_titles_and_statuses_come_from_the_table() -> None:
-    document = problem_document("cell-busy", "wait", "/api/scans", extra=1)
+    document = problem_document("cell-busy", "wait", "/api/scans", {"kind": "scan"}, extra=1)
     assert document == {
         "type": "urn:pointchain:cell-busy",
         "title": "The cell is busy",
         "status": 409,
         "detail": "wait",
         "instance": "/api/scans",
+        "parameters": {"kind": "scan"},
         "extra": 1,
     }
     assert error_document("tokens", "unreadable") == {

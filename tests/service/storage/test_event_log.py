@@ -99,6 +99,7 @@ def test_each_change_has_its_event(store: Store) -> None:
         "status": 503,
         "detail": "gone",
         "instance": f"/api/scans/{scan}",
+        "parameters": {},
     }
 
 
