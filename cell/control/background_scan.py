@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 
+from cell.control.progress import MissingView
 from cell.devices import View
 from cell.errors import MissingViewsError
 
@@ -17,19 +18,24 @@ class BackgroundScan:
     """
 
     def __init__(
-        self, views: Iterator[View], return_home: Callable[[], None], on_failure: Callable[[BaseException], None]
+        self,
+        views: Iterator[View | MissingView],
+        return_home: Callable[[], None],
+        on_failure: Callable[[BaseException], None],
     ) -> None:
         """Create the scan; nothing moves before `running`.
 
         Args:
-            views: Takes a view at each step, in the thread `motion`.
+            views: Takes a view at each step, or finds that it is missing, in the thread `motion`.
             return_home: Moves the arm home. It is called after the last view, also if too few views were taken.
             on_failure: Called with the error of a failed scan when the arm has ended its motion. It must not wait.
         """
+        self.missing: list[MissingView] = []
+        """Missing views. The list is complete when the iteration has ended."""
         self._taking, self._return_home, self._on_failure = views, return_home, on_failure
         self._scan_error: BaseException | None = None
         self._home_error: BaseException | None = None
-        self._views: queue.SimpleQueue[View | None] = queue.SimpleQueue()
+        self._views: queue.SimpleQueue[View | MissingView | None] = queue.SimpleQueue()
         self._ended = threading.Event()  # a thread whose `join` a signal interrupts would count as ended
         self._ended.set()
         run = contextvars.copy_context().run  # the context of the log, which names the scan
@@ -54,7 +60,10 @@ class BackgroundScan:
             OSError: A view cannot be written.
         """
         while (view := self._views.get()) is not None:
-            yield view
+            if isinstance(view, MissingView):
+                self.missing.append(view)
+            else:
+                yield view
         self._views.put(None)  # ends a second iteration
         if self._scan_error is not None:
             raise self._scan_error

@@ -10,7 +10,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from calibration.storage.hand_eye_file import write_result
 from calibration.verification.verification import Verification, verification_findings, verify
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedCalibration, PreparedVerification
-from cell.control.scan_loop import ScanListener
+from cell.control.progress import BoardObservation, ProgressListener
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError
 
@@ -39,45 +38,6 @@ GRID_COLUMNS, GRID_ROWS = 8, 5
 """Grid of the image for the coverage with corners."""
 
 
-@dataclass(frozen=True)
-class BoardObservation:
-    """The board in one image, before anything is solved."""
-
-    corners: int
-    """Number of detected corners."""
-    board_corners: int
-    """Number of corners of the board."""
-    rms_px: float | None
-    """Root mean square reprojection error per coordinate for the best pose of this image alone, or None without one."""
-    cells: tuple[int, ...]
-    """Cells of the 8 x 5 grid with a corner, row by row from the upper left."""
-
-
-class CalibrationListener(ScanListener, Protocol):
-    """Receives the progress of a calibration.
-
-    `detected`, `not_detected` and `home` are called by the thread that calibrates, the others by the arm's thread.
-    """
-
-    def detected(self, index: int, board: BoardObservation, coverage: float) -> None:
-        """Receive that the image of pose `index` shows the board.
-
-        Args:
-            index: Number of the pose.
-            board: The board in this image.
-            coverage: Share of the grid's cells in which any image so far has a corner.
-        """
-        ...
-
-    def not_detected(self, index: int, reason: str) -> None:
-        """Receive that the board cannot be detected in the image of pose `index`, and why."""
-        ...
-
-    def home(self) -> None:
-        """Receive that all images are taken and the arm is home. The solver starts next."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class CalibrationRun:
     """Outcome of a calibration."""
@@ -87,11 +47,11 @@ class CalibrationRun:
     verification: Verification
     """Verification at the held-out poses. It has no views if the board was detected at none of them."""
     unused: tuple[tuple[str, str], ...]
-    """Name and reason of each pose without observation: not reached, no frame, or no board in the image."""
+    """Name and reason of each image without a board, then of each pose that was not reached or gave no frame."""
 
 
 def run_calibration(
-    cell: Cell, prepared: PreparedCalibration, folder: Path, listener: CalibrationListener
+    cell: Cell, prepared: PreparedCalibration, folder: Path, listener: ProgressListener
 ) -> CalibrationRun:
     """Take the views, solve, verify, and write everything to the new `folder`. The arm is home on return.
 
@@ -129,7 +89,7 @@ def run_calibration(
 
 
 def run_verification(
-    cell: Cell, prepared: PreparedVerification, folder: Path, listener: CalibrationListener
+    cell: Cell, prepared: PreparedVerification, folder: Path, listener: ProgressListener
 ) -> Verification:
     """Take the views and judge the active calibration by them. The arm is home on return.
 
@@ -173,16 +133,17 @@ def observe_board(view: BoardView, setup: Setup) -> BoardObservation:
 
 @dataclass(eq=False)
 class _Images:
-    """Writes the images to the folder and detects the board in them. It is a `ViewWriter` and a `ScanListener`."""
+    """Writes the images to the folder and detects the board in them. It is a `ViewWriter`."""
 
     prepared: PreparedCalibration | PreparedVerification
     folder: Path
-    listener: CalibrationListener
+    listener: ProgressListener
     views: dict[int, BoardView] = field(default_factory=dict)
     """Views that show the board, by the number of the pose, in the order of their capture."""
     unique_numbering: list[bool] = field(default_factory=list)
     """For each of `views`, whether the board's pattern determines which corner is the first."""
     unused: list[tuple[str, str]] = field(default_factory=list)
+    """Name and reason of each image without a board, then of each pose without an image."""
     _setup: Setup | None = None
     _names: dict[int, str] = field(default_factory=dict)
     _covered: set[int] = field(default_factory=set)
@@ -197,16 +158,6 @@ class _Images:
         """Return the views of these poses that show the board."""
         wanted = set(poses)
         return tuple(view for index, view in self.views.items() if index in wanted)
-
-    def moving(self, index: int) -> None:
-        self.listener.moving(index)
-
-    def recorded(self, index: int) -> None:
-        self.listener.recorded(index)
-
-    def missing(self, index: int, reason: str) -> None:
-        self.unused.append((f"pose{index:02d}", reason))
-        self.listener.missing(index, reason)
 
     def write_view(self, view: View) -> View:
         assert view.image is not None  # `take_views` rejects a frame without one
@@ -247,7 +198,7 @@ class _Images:
 
 
 def _take_images(
-    cell: Cell, prepared: PreparedCalibration | PreparedVerification, folder: Path, listener: CalibrationListener
+    cell: Cell, prepared: PreparedCalibration | PreparedVerification, folder: Path, listener: ProgressListener
 ) -> _Images:
     """Take all views of the plan and return home."""
     if (folder / SETUP_FILE).exists():
@@ -256,9 +207,10 @@ def _take_images(
         )
     _require_space(folder, len(prepared.plan.viewpoints))
     images = _Images(prepared, folder, listener)
-    with cell.run(prepared, images, images) as views:
+    with cell.run(prepared, images, listener) as views:
         for view in views:
             images.detect(view)
+    images.unused += ((f"pose{view.index:02d}", view.reason) for view in views.missing)
     listener.home()
     return images
 
@@ -278,9 +230,7 @@ def _require_space(folder: Path, views: int) -> None:
 
 
 def _too_few(seen: int, needed: int, images: _Images) -> MissingViewsError:
-    # Reasons of images without a board come first, then those of poses without an image.
-    ordered = sorted(images.unused, key=lambda each: each[0].startswith("pose"))
-    reasons = "; ".join(f"{name}: {reason}" for name, reason in ordered[:3])
+    reasons = "; ".join(f"{name}: {reason}" for name, reason in images.unused[:3])
     return MissingViewsError(
         f"the board was seen in {seen} views, {needed} are needed: {BOARD_NOT_SEEN}. Reasons: {reasons}"
     )

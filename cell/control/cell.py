@@ -39,7 +39,8 @@ from cell.control.equipment import Equipment
 from cell.control.idle_monitor import IdleMonitor
 from cell.control.preparation import Preparation
 from cell.control.prepared import Prepared, PreparedCalibration, PreparedScan, PreparedVerification
-from cell.control.scan_loop import ScanContext, ScanListener, ViewWriter, return_home, take_views
+from cell.control.progress import ProgressListener
+from cell.control.scan_loop import ScanContext, ViewWriter, return_home, take_views
 from cell.control.status import FAULTS, CellStatus, Listener, SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.errors import (
@@ -186,7 +187,7 @@ class Cell:
             return self._preparation.verification(requested_at)
 
     @contextlib.contextmanager
-    def run(self, prepared: Prepared, writer: ViewWriter, listener: ScanListener) -> Iterator[BackgroundScan]:
+    def run(self, prepared: Prepared, writer: ViewWriter, listener: ProgressListener) -> Iterator[BackgroundScan]:
         """Take the views of a prepared scan, calibration or verification around the body of a `with` statement.
 
         The body iterates over the views while the arm moves in the thread `motion`. A body that ends normally waits

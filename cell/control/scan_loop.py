@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, rotation_angle
+from cell.control.progress import MissingView, ProgressListener
 from cell.devices import Arm, ArmState, Camera, View
 from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
 from cell.planning.viewpoints import ViewpointPlan
@@ -19,33 +20,12 @@ START_RAD = 0.002
 """Largest distance of a joint from the start of the plan. Only the planned path is free of collisions."""
 
 
-class ScanListener(Protocol):
-    """Receives the progress of a scan. An exception of the listener ends the scan."""
-
-    def moving(self, index: int) -> None:
-        """Receive that the arm will move to viewpoint `index` when this returns."""
-        ...
-
-    def recorded(self, index: int) -> None:
-        """Receive that the view is on the disk."""
-        ...
-
-    def missing(self, index: int, reason: str) -> None:
-        """Receive that viewpoint `index` gives no view, and why."""
-        ...
-
-
 class ViewWriter(Protocol):
     """Stores the views, for example in a recording."""
 
     def write_view(self, view: View) -> View:
         """Write the view to the disk and return it as it was written."""
         ...
-
-
-def missing_view(index: int, reason: str) -> str:
-    """Return the warning of the model about a missing view."""
-    return f"view {index} is missing: {reason}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +47,12 @@ class ScanContext:
 
 
 def take_views(
-    context: ScanContext, plan: ViewpointPlan, writer: ViewWriter, listener: ScanListener, min_views: int
-) -> Iterator[View]:
+    context: ScanContext, plan: ViewpointPlan, writer: ViewWriter, listener: ProgressListener, min_views: int
+) -> Iterator[View | MissingView]:
     """Yield the views of the planned viewpoints in the order of the plan, each when it is on the disk.
 
-    A viewpoint at which the camera fails gives a missing view, and the scan continues. The arm stays at the last
-    viewpoint.
+    A viewpoint that the arm cannot reach, or at which the camera fails, gives a MissingView, and the scan continues.
+    The arm stays at the last viewpoint.
 
     Raises:
         RobotNotReadyError: The arm is not at the start of the plan.
@@ -84,6 +64,7 @@ def take_views(
     for viewpoint in plan.viewpoints:
         if viewpoint.reason is not None:
             listener.missing(viewpoint.index, viewpoint.reason)
+            yield MissingView(viewpoint.index, viewpoint.reason)
     if np.abs(context.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
         raise RobotNotReadyError("the arm was moved after its path was planned: start again")
     taken, failure = 0, ""
@@ -98,6 +79,7 @@ def take_views(
         except (CameraLostError, BadFrameError) as error:
             failure = str(error)
             listener.missing(leg.view, failure)
+            yield MissingView(leg.view, failure)
             continue
         view = writer.write_view(view)
         listener.recorded(leg.view)

@@ -80,7 +80,7 @@ def find_scan(id: Id, service: Service) -> ScanRow:  # noqa: A002 (the path's ow
     Raises:
         ProblemError: `scan-not-found`: There is no such scan.
     """
-    scan = service.store.scan(id)
+    scan = service.store.scans.get(id)
     if scan is None:
         raise ProblemError("scan-not-found", f"there is no scan {id}; GET /api/scans lists them", scan=id)
     return scan

@@ -10,8 +10,8 @@ from fastapi import Depends, Query, Request
 from pydantic import AfterValidator, AwareDatetime, BeforeValidator
 
 from service.states import ID_PATTERN, ScanState
-from service.storage.queries import ScanFilter
 from service.storage.rows import RecordingRow, ScanRow
+from service.storage.scan_store import ScanFilter
 
 RFC_3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d{1,9})?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 DATE_TIME_HINT = "must be RFC 3339 with a time zone, for example 2026-01-31T12:00:00Z; write a + as %2B"

@@ -130,7 +130,7 @@ def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
 
 
 def _row(store: Store, scan: ScanRow) -> ScanRow:
-    row = store.scan(scan.id)
+    row = store.scans.get(scan.id)
     assert row is not None
     return row
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cell.control.scan_loop import missing_view
+from cell.control.progress import MissingView
 from cell.recording.errors import RecordingError
 from service.errors import Failure
 from service.integrity.check import CheckReport, CheckTarget, check_store
@@ -27,7 +27,8 @@ from service.security.auth.tokens import TOKENS_FILE
 from service.storage.data_folder import ID, DataFolder
 from service.storage.database import now
 from service.storage.rows import RecordingRow, insert, stored
-from service.storage.store import KEPT, Store
+from service.storage.scan_store import KEPT
+from service.storage.store import Store
 
 MAX_ROUNDS = 5
 """Limit on repetitions of check and repair. One repair may cause another finding, such as a file without its row."""
@@ -175,7 +176,7 @@ class _Repairer:
         return "it has no recording any more" if changed else "its recording exists"
 
     def _unfinished_scan(self, scan_id: str) -> str:
-        self._store.end_scan(scan_id, "interrupted", Failure("interrupted", f"{UNFINISHED}; {KEPT}"))
+        self._store.scans.end(scan_id, "interrupted", Failure("interrupted", f"{UNFINISHED}; {KEPT}"))
         return "it is now interrupted"
 
     def _unfinished_calibration(self, run_id: str) -> str:
@@ -225,7 +226,7 @@ class _Repairer:
             row = self._describe_recording(path.stem, path)
         except (RecordingError, OSError) as error:
             return f"{self._move_aside(path, str(error))}: {error}"
-        scan = self._store.scan(row.id)
+        scan = self._store.scans.get(row.id)
         if scan is not None and scan.mode == "live":
             self._store.add_scan_recording(row)
         else:
@@ -251,8 +252,9 @@ class _Repairer:
             OSError: The file cannot be read.
         """
         row = describe_untrusted_recording(recording_id, path, hash_file(path).sha256)
-        missing = [view for view in self._store.views([recording_id]) if view.state == "missing"]
-        return replace(row, missing=[*(missing_view(view.view, view.reason or "") for view in missing), *row.missing])
+        missing = [view for view in self._store.scans.views([recording_id]) if view.state == "missing"]
+        messages = [MissingView(view.view, view.reason or "").message for view in missing]
+        return replace(row, missing=[*messages, *row.missing])
 
 
 def _describe(values: dict[str, Any]) -> str:

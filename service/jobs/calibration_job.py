@@ -15,13 +15,13 @@ from cell.control.prepared import PreparedCalibration, PreparedVerification
 from cell.errors import CellError
 from service.errors import Failure
 from service.jobs.job import Job
-from service.jobs.progress import StoredCalibrationProgress
+from service.jobs.progress import StoredProgress
 from service.jobs.runner import JobCancelledError
 from service.states import ScanState
-from service.storage.calibration_store import CalibrationStore
 from service.storage.database import now
 from service.storage.rows import CalibrationRow
 from service.storage.storage_errors import storage_failure
+from service.storage.store import Store
 
 KEPT = "the images taken before are kept"
 
@@ -38,7 +38,7 @@ class CalibrationOutcome:
 class CalibrationWork:
     """Does calibrations and verifications, one at a time, in one thread."""
 
-    def __init__(self, store: CalibrationStore, cell: Cell) -> None:
+    def __init__(self, store: Store, cell: Cell) -> None:
         self._store, self._cell = store, cell
 
     def describe(self, job: Job[CalibrationRow]) -> str:
@@ -56,13 +56,13 @@ class CalibrationWork:
             OSError, sqlite3.Error: The disk or the database failed.
         """
         row, prepared = job.row, job.prepared
-        self._store.update(row.id, ("queued",), state="preflight")
+        self._store.calibrations.update(row.id, ("queued",), state="preflight")
         if job.stop is not None:
             raise JobCancelledError
         assert prepared is not None
         folder = run_folder(self._cell, row.id)
-        self._store.update(row.id, ("preflight",), state="scanning", started_at=now())
-        progress = StoredCalibrationProgress(self._store, row.id, len(prepared.plan.viewpoints))
+        self._store.calibrations.update(row.id, ("preflight",), state="scanning", started_at=now())
+        progress = StoredProgress(self._store, row, len(prepared.plan.viewpoints))
         if isinstance(prepared, PreparedVerification):
             yield CalibrationOutcome(None, run_verification(self._cell, prepared, folder, progress).to_json())
             return
@@ -84,12 +84,12 @@ class CalibrationWork:
     def store(self, job: Job[CalibrationRow], result: CalibrationOutcome) -> ScanState:
         """Write the final row with the result."""
         ended = {"state": "succeeded", "stage": None, "fraction": 1.0, "ended_at": now()}
-        self._store.update(job.row.id, **ended, result=result.result, verification=result.verification)
+        self._store.calibrations.update(job.row.id, **ended, result=result.result, verification=result.verification)
         return "succeeded"
 
     def end(self, job: Job[CalibrationRow], state: ScanState, failure: Failure) -> None:
         """Write the final row of a run without a result."""
-        self._store.end(job.row.id, state, failure)
+        self._store.calibrations.end(job.row.id, state, failure)
 
     def unexpected_failure(self, job: Job[CalibrationRow], error: Exception) -> Failure:
         """Return why the run failed that met an unexpected error, or whose final row could not be written."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from cell.control.background_scan import BackgroundScan
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
-from cell.control.scan_loop import missing_view
+from cell.control.progress import MissingView
 from cell.devices import View
 from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
 from service.jobs.inputs import recognition_inputs
@@ -52,9 +52,9 @@ def run_live_scan(
     assert not isinstance(task.source, Path)
     try:
         with RecordingWriter(path, task.source) as writer:
-            progress = StoredProgress(store, scan.id, len(prepared.plan.viewpoints), writer, metrics)
+            progress = StoredProgress(store, scan, len(prepared.plan.viewpoints), writer, metrics)
             with cell.run(prepared, writer, progress) as views:
-                outcome = _recognise(store, scan.id, worker, task, limit_s, views, progress)
+                outcome = _recognise(store, scan.id, worker, task, limit_s, views)
                 try:
                     writer.write_result(json.loads((task.results / MODEL).read_bytes()))
                     writer.close()
@@ -68,31 +68,25 @@ def run_live_scan(
 
 
 def _recognise(
-    store: Store,
-    scan_id: str,
-    worker: RecognitionWorker,
-    task: Task,
-    limit_s: float,
-    views: BackgroundScan,
-    progress: StoredProgress,
+    store: Store, scan_id: str, worker: RecognitionWorker, task: Task, limit_s: float, views: BackgroundScan
 ) -> Outcome:
     def all_views() -> Iterator[View]:
         yield from views
-        inputs = recognition_inputs(task, views=store.views([scan_id]))
-        store.update_scan(scan_id, ("scanning",), state="processing", inputs=inputs)
+        inputs = recognition_inputs(task, views=store.scans.views([scan_id]))
+        store.scans.update(scan_id, ("scanning",), state="processing", inputs=inputs)
 
     def on_stage(name: str) -> None:
         # While views are still being taken, the stages of the earlier ones are not reported.
-        store.update_scan(scan_id, ("processing",), stage=name)
+        store.scans.update(scan_id, ("processing",), stage=name)
 
     try:
-        outcome = worker.run(task, on_stage, limit_s, all_views(), progress.reasons)
+        outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing)
     except TaskFailedError:
         for _ in views:
             pass  # take the remaining views for the recording
         views.wait()  # and let the arm return home
         raise
-    return replace(outcome, partial=outcome.partial or bool(progress.reasons))
+    return replace(outcome, partial=outcome.partial or bool(views.missing))
 
 
 def keep_recording(store: Store, scan_id: str) -> None:
@@ -114,5 +108,6 @@ def keep_recording(store: Store, scan_id: str) -> None:
     except RecordingError:
         log.exception("the recording %s cannot be read; the file is left in place", path)
         return
-    missing = [missing_view(view.view, view.reason or "") for view in store.views([scan_id]) if view.state == "missing"]
-    store.add_scan_recording(replace(row, missing=[*missing, *row.missing]))
+    missing = [view for view in store.scans.views([scan_id]) if view.state == "missing"]
+    messages = [MissingView(view.view, view.reason or "").message for view in missing]
+    store.add_scan_recording(replace(row, missing=[*messages, *row.missing]))

@@ -33,7 +33,8 @@ from service.metrics.scans import ScanMetrics
 from service.processing.worker import RecognitionWorker
 from service.states import ScanState
 from service.storage.rows import CalibrationRow, ScanRow
-from service.storage.store import KEPT, Store
+from service.storage.scan_store import KEPT
+from service.storage.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +82,7 @@ class Jobs:
         self.drift = DriftWatch(store.calibrations)
         """What recent scans say about the active calibration."""
         self._scans = ScanWork(store, cell, self._worker, recognition_limit_s, gripper, self.drift, self._metrics)
-        calibrations = CalibrationWork(store.calibrations, cell)
+        calibrations = CalibrationWork(store, cell)
         self._runner = JobRunner(
             self._lock, {"scan": self._scans, "calibration": calibrations, "verification": calibrations}
         )
@@ -90,10 +91,10 @@ class Jobs:
         self._accepted: queue.SimpleQueue[Job[Any] | None] = queue.SimpleQueue()
         self.submit = Submissions(store, cell, self._lock, self._accepted.put)
         """Accepts new jobs."""
-        store.interrupt_unfinished()
+        store.scans.interrupt_unfinished()
         store.calibrations.interrupt_unfinished()
         # All scans without a recording: an earlier start may have been killed here, or the database was held.
-        for scan in store.scans_without_recording():
+        for scan in store.scans.without_recording():
             try:
                 keep_recording(store, scan.id)
             except OSError:
@@ -260,9 +261,8 @@ class Jobs:
             log.exception("that %s is being stopped could not be written", job.label)
 
     def _write_stopping(self, job: Job[Any]) -> None:
-        update = self._store.update_scan if isinstance(job.row, ScanRow) else self._store.calibrations.update
         try:
-            update(job.row.id, state="stopping")
+            self._store.jobs(job.kind).update(job.row.id, state="stopping")
         except sqlite3.Error:
             log.exception("that %s is being stopped could not be written", job.label)
 

@@ -27,8 +27,9 @@ from service.states import ScanState
 from service.storage.data_folder import PREVIEW
 from service.storage.database import now
 from service.storage.rows import ScanRow
+from service.storage.scan_store import KEPT
 from service.storage.storage_errors import storage_failure
-from service.storage.store import KEPT, Store
+from service.storage.store import Store
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +74,7 @@ class ScanWork:
         results = self._store.folder.incoming(job.row.id)
         try:
             if job.prepared is not None:
-                self._store.update_scan(job.row.id, ("queued",), state="preflight")
+                self._store.scans.update(job.row.id, ("queued",), state="preflight")
             if job.stop is None:
                 self._worker.start()
             # An earlier stop found no process to kill; from here on a stop finds one.
@@ -103,7 +104,7 @@ class ScanWork:
         scan, state = job.row, "partial" if result.partial else "succeeded"
         self.drawing = scan.id
         results = self._store.folder.incoming(scan.id)
-        self._store.finish_scan(scan.id, state, result.summary(), results, result.files)
+        self._store.scans.finish(scan.id, state, result.summary(), results, result.files)
         return state
 
     def end(self, job: Job[ScanRow], state: ScanState, failure: Failure) -> None:
@@ -113,7 +114,7 @@ class ScanWork:
                 keep_recording(self._store, job.row.id)
             except OSError:
                 log.exception("the recording of %s cannot be read; the next start tries again", job.label)
-        self._store.end_scan(job.row.id, state, failure)
+        self._store.scans.end(job.row.id, state, failure)
 
     def unexpected_failure(self, job: Job[ScanRow], error: Exception) -> Failure:
         """Return why the scan failed that met an unexpected error, or whose final row could not be written."""
@@ -139,14 +140,14 @@ class ScanWork:
         assert recording is not None
         task = self._task(scan, self._store.folder.recording(recording.id), results, recording.missing)
         inputs = recognition_inputs(task, recording.sha256)
-        self._store.update_scan(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
+        self._store.scans.update(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
         return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
 
     def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
         task = self._task(scan, dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m), results)
         inputs = recognition_inputs(task)
-        self._store.update_scan(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
+        self._store.scans.update(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
         return run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
@@ -156,7 +157,7 @@ class ScanWork:
     def _on_stage(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:
             fraction = STAGE_START_FRACTION[name]
-            self._store.update_scan(scan_id, ("queued", "processing"), stage=name, fraction=fraction)
+            self._store.scans.update(scan_id, ("queued", "processing"), stage=name, fraction=fraction)
 
         return on_stage
 

@@ -66,7 +66,7 @@ class Submissions:
         """
         with self._lock.reserved():
             scan = new_scan("replay", method, radius_m, requester, recording=recording.id, source=source)
-            self._accept(Job(scan, None), lambda: self._store.add_scan(scan, requester.key_row(scan)))
+            self._accept(Job(scan, None), lambda: self._store.scans.add(scan, requester.key_row(scan)))
             return scan
 
     def live(
@@ -89,7 +89,7 @@ class Submissions:
         with self._lock.reserved():
             prepared = self._cell.prepare_scan(views, requested_at)
             scan = new_scan("live", method, radius_m, requester, calibration_sha256=prepared.hand_eye.sha256)
-            self._accept(Job(scan, prepared), lambda: self._store.add_scan(scan, requester.key_row(scan)))
+            self._accept(Job(scan, prepared), lambda: self._store.scans.add(scan, requester.key_row(scan)))
             return scan
 
     def calibration(self, board: Board, poses: int, requested_at: float) -> CalibrationRow:

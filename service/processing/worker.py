@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+from cell.control.progress import MissingView
 from cell.devices import View
 from cell.process.logging import child_logging_setup
 from service.errors import Failure
@@ -115,7 +116,7 @@ class RecognitionWorker:
         on_stage: OnStage,
         timeout_s: float,
         views: Iterable[View] = (),
-        missing: Sequence[str] = (),
+        missing: Sequence[MissingView] = (),
     ) -> Outcome:
         """Run one task in the started process and return its outcome.
 
@@ -124,7 +125,7 @@ class RecognitionWorker:
             on_stage: Called with the name of each stage as it begins.
             timeout_s: Timeout for sending each view, and for recognition after the last view.
             views: Views of a running scan, as they are taken. An error that the iteration raises ends the task.
-            missing: Messages about missing views. They are read after the last view.
+            missing: Missing views. They are read after the last view.
 
         Raises:
             TaskFailedError: The input was refused, the process died or was killed, or the time is over.
@@ -166,13 +167,13 @@ class RecognitionWorker:
         self._release()
 
     def _exchange(
-        self, task: Task, on_stage: OnStage, timeout_s: float, views: Iterable[View], missing: Sequence[str]
+        self, task: Task, on_stage: OnStage, timeout_s: float, views: Iterable[View], missing: Sequence[MissingView]
     ) -> Outcome | Failure:
         self._send(task, timeout_s)
         if not isinstance(task.source, Path):
             for view in self._cancel_on_error(views):
                 self._send(view, timeout_s)
-            self._send(EndOfViews(tuple(missing)), timeout_s)
+            self._send(EndOfViews(tuple(view.message for view in missing)), timeout_s)
         deadline = time.monotonic() + timeout_s
         while True:
             message = self._receive(deadline)

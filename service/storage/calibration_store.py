@@ -4,10 +4,8 @@ Images, corners and results are files. A row refers to a file after the file is 
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-from cell.control.calibration_run import BoardObservation
 from service.errors import Failure
 from service.states import ACTIVE_STATES, ScanState, ViewState
 from service.storage.database import Database, now, update
@@ -69,26 +67,21 @@ class CalibrationStore:
             if update(db, TABLE, calibration_id, ACTIVE_STATES, values):
                 db.execute(mark_missing, ("the run ended before this view was taken", now(), calibration_id))
 
-    def set_view(self, calibration_id: str, view: int, state: ViewState, reason: str | None = None) -> None:
-        """Write the state of a view. On return it is on disk."""
-        row = CalibrationViewRow(calibration_id, view, state, reason, None, None, now())
+    def set_view(
+        self, calibration_id: str, view: int, state: ViewState, reason: str | None = None, **columns: Any
+    ) -> None:
+        """Write the state of a view, and further columns of its row. On return it is on disk."""
+        row = CalibrationViewRow(calibration_id, view, state, reason, now(), **columns)
         with self._database.transaction() as db:
             db.execute("DELETE FROM calibration_views WHERE calibration = ? AND view = ?", (calibration_id, view))
             insert(db, "calibration_views", row)
 
-    def set_seen(self, calibration_id: str, view: int, board: BoardObservation) -> None:
-        """Write which part of the board was detected in the image of a view."""
-        self._update_view(calibration_id, view, asdict(board))
-
-    def set_unseen(self, calibration_id: str, view: int, reason: str) -> None:
-        """Write why the board was not detected in the image of a view."""
-        self._update_view(calibration_id, view, {"corners": 0, "cells": [], "reason": reason})
-
-    def _update_view(self, calibration_id: str, view: int, values: dict[str, Any]) -> None:
-        assignments = ", ".join(f"{name} = ?" for name in values)
+    def update_view(self, calibration_id: str, view: int, **columns: Any) -> None:
+        """Set columns of a view, such as the corners that were detected in its image."""
+        assignments = ", ".join(f"{name} = ?" for name in columns)
         sql = f"UPDATE calibration_views SET {assignments}, changed_at = ? WHERE calibration = ? AND view = ?"
         with self._database.transaction() as db:
-            db.execute(sql, (*map(stored, values.values()), now(), calibration_id, view))
+            db.execute(sql, (*map(stored, columns.values()), now(), calibration_id, view))
 
     def views(self, calibration_ids: Sequence[str]) -> list[CalibrationViewRow]:
         """Return the views of these runs, in order."""

@@ -94,4 +94,4 @@ class IdempotencyKeys:
                 f"this Idempotency-Key was used for another request, which started scan {used.scan}; take a new key",
                 scan=used.scan,
             )
-        return self._store.scan(used.scan)
+        return self._store.scans.get(used.scan)

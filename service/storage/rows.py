@@ -121,10 +121,11 @@ class CalibrationViewRow:
     view: int
     state: ViewState
     reason: str | None
-    corners: int | None
-    """Number of corners detected in its image; None if the image was not processed yet."""
-    board_corners: int | None
     changed_at: str
+    corners: int | None = None
+    """Number of corners detected in its image; None if the image was not processed yet."""
+    board_corners: int | None = None
+    """Number of corners of the board."""
     rms_px: float | None = None
     """RMS distance of the corners from the fitted board, pixels, each coordinate."""
     cells: list[int] | None = None

@@ -84,7 +84,7 @@ def make_data(root: Path, recording_file: Path) -> Data:
             values = (written.offset_bytes, written.size_bytes, written.sha256)
             views.append(ViewRow(LIVE, view.index, "recorded", None, "2026-01-01T00:00:00Z", *values))
     live = dataclasses.replace(new_scan("live", "graph", None, NOBODY), id=LIVE, state="failed")
-    store.add_scan(live)
+    store.scans.add(live)
     with store.database.transaction() as db:
         for view in views:
             insert(db, "views", view)
@@ -103,7 +103,7 @@ def make_data(root: Path, recording_file: Path) -> Data:
 
 
 def add_result(store: Store, scan: ScanRow) -> None:
-    store.add_scan(scan)
+    store.scans.add(scan)
     results = store.folder.incoming(scan.id)
     results.mkdir()
     contents = {"model.json": b'{"chains": []}', "cloud.ply": b"ply\n"}
@@ -113,4 +113,4 @@ def add_result(store: Store, scan: ScanRow) -> None:
         name: {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
         for name, content in contents.items()
     }
-    store.finish_scan(scan.id, "succeeded", {"chains": 0, "crossings": 0, "warnings": []}, results, files)
+    store.scans.finish(scan.id, "succeeded", {"chains": 0, "crossings": 0, "warnings": []}, results, files)

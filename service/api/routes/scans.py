@@ -122,8 +122,8 @@ async def list_scans(
     """Return the scans that match all filters, the newest first."""
 
     def read() -> Response:
-        rows, following = paginate(service.store.scans(limit + 1, before, filters), limit, request)
-        scans = scan_resources(rows, service.store.views([row.id for row in rows]))
+        rows, following = paginate(service.store.scans.newest(limit + 1, before, filters), limit, request)
+        scans = scan_resources(rows, service.store.scans.views([row.id for row in rows]))
         return json_response(ScanList(scans=scans, next=following))
 
     return await service.response_cache.respond(("scans", request.url.query), read)
@@ -151,12 +151,12 @@ async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (
 @router.put("/{id}/keep", responses=problem_responses("scan-not-found", "too-large", "invalid-request"))
 def keep_scan(id: Id, body: KeepRequest, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Mark a scan to be kept at any age, with its results and its recording; or remove the mark."""
-    service.store.keep_scan(id, body.kept)
+    service.store.scans.keep(id, body.kept)
     return _resource(find_scan(id, service), service)
 
 
 def _resource(scan: ScanRow, service: Context) -> ScanResource:
-    return scan_resource(scan, service.store.views([scan.id]))
+    return scan_resource(scan, service.store.scans.views([scan.id]))
 
 
 def _start(

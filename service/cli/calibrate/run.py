@@ -18,9 +18,9 @@ from cell.control.calibration_run import CalibrationRun, run_calibration
 from cell.control.cell import Cell
 from cell.planning.calibration_poses import HELD_OUT, POSES
 from service.cli.calibrate.activate import activation_command, activation_message
-from service.cli.calibrate.progress import CalibrationProgress
 from service.cli.calibrate.report import format_result, format_verification
 from service.cli.output_folder import create_output_folder
+from service.cli.progress import TerminalProgress
 from service.cli.prompt import confirm
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.loader import ConfigError, load_config
@@ -98,11 +98,10 @@ def _calibrate(cell: Cell, stop_requested: threading.Event, board: Board, poses:
     _report("connecting, planning")
     prepared = cell.prepare_calibration(board, time.monotonic(), poses, HELD_OUT)
     plan = prepared.plan
-    progress = CalibrationProgress(plan, stop_requested, "run")
-    progress.report(f"{plan.reachable} of {len(plan.viewpoints)} poses can be reached")
+    _report(f"{plan.reachable} of {len(plan.viewpoints)} poses can be reached")
     for warning in plan.warnings:
-        progress.report(warning)
-    return run_calibration(cell, prepared, folder, progress)
+        _report(warning)
+    return run_calibration(cell, prepared, folder, TerminalProgress(prepared, _report, stop_requested))
 
 
 def _activate(run: CalibrationRun, settings: CellSettings, folder: Path, yes: bool, command: str) -> Activation:

@@ -11,9 +11,9 @@ from calibration.verification.verification import Verification
 from cell.control.calibration_run import run_verification
 from cell.control.cell import Cell
 from cell.errors import CellError
-from service.cli.calibrate.progress import CalibrationProgress
 from service.cli.calibrate.report import format_verification
 from service.cli.output_folder import create_output_folder
+from service.cli.progress import TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.loader import ConfigError, load_config
 from service.problems.document import error_document
@@ -53,8 +53,7 @@ def _verify(cell: Cell, stop_requested: threading.Event, folder: Path) -> Verifi
     _report("the arm will move to two poses; the board must lie on the table; Ctrl-C stops the arm")
     _report("connecting, planning")
     prepared = cell.prepare_verification(time.monotonic())
-    progress = CalibrationProgress(prepared.plan, stop_requested, "verify")
-    verification = run_verification(cell, prepared, folder, progress)
+    verification = run_verification(cell, prepared, folder, TerminalProgress(prepared, _report, stop_requested))
     try:
         cell.hand_eye()
     except CellError as error:  # a calibration that is too old can be verified, but not used

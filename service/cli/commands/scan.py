@@ -4,7 +4,6 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -14,13 +13,11 @@ from typing import Any
 
 from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
-from cell.control.scan_loop import missing_view
-from cell.errors import StoppedError
-from cell.planning.viewpoints import ViewpointPlan
 from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
+from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
 from service.processing.results import check_radius
@@ -28,38 +25,6 @@ from service.processing.worker import RecognitionWorker
 from service.processing.worker_main import Task
 from service.signals import INTERRUPTED_EXIT_CODE
 from service.storage.data_folder import MODEL, PREVIEW
-
-Report = Callable[[str], None]
-
-
-class ScanProgress:
-    """Reports the progress of a scan, and prevents the next move after a stop request."""
-
-    def __init__(self, plan: ViewpointPlan, report: Report, stop_requested: threading.Event) -> None:
-        self.missing_views: list[str] = []
-        """Message about each missing view, with the reason. They become warnings of the model."""
-        self._report, self._stop_requested = report, stop_requested
-        self._views, self._taken = len(plan.viewpoints), 0
-
-    def moving(self, index: int) -> None:
-        """Report the next move.
-
-        Raises:
-            StoppedError: A stop was requested.
-        """
-        if self._stop_requested.is_set():  # a stop before the cell received the request does not cancel it
-            raise StoppedError("stopped by request")
-        self._report(f"moving to viewpoint {index}")
-
-    def recorded(self, index: int) -> None:
-        """Report that the view is on the disk."""
-        self._taken += 1
-        self._report(f"view {index} recorded, {self._taken} of {self._views}")
-
-    def missing(self, index: int, reason: str) -> None:
-        """Report that the viewpoint has no view."""
-        self.missing_views.append(missing_view(index, reason))
-        self._report(self.missing_views[-1])
 
 
 @dataclass(frozen=True)
@@ -119,7 +84,7 @@ def take_scan(
             worker.kill()
             raise
     with TemporaryDirectory(prefix="pointchain-") as folder:
-        progress = ScanProgress(prepared.plan, report, stop_requested)
+        progress = TerminalProgress(prepared, report, stop_requested)
         header = replace(prepared.header, string_radius_m=radius)
         results = Path(folder) / "results"
         task = Task(header, radius, options.method, options.gripper, results, Path(folder) / PREVIEW)
@@ -127,7 +92,7 @@ def take_scan(
             RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
             cell.run(prepared, writer, progress) as views,
         ):
-            worker.run(task, lambda _: None, options.timeout_s, views, progress.missing_views)
+            worker.run(task, lambda _: None, options.timeout_s, views, views.missing)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     return model

@@ -26,9 +26,10 @@ from calibration.verification.verification import Verification
 from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
-from cell.control.calibration_run import BoardObservation, CalibrationRun, run_calibration, run_verification
+from cell.control.calibration_run import CalibrationRun, run_calibration, run_verification
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedCalibration
+from cell.control.progress import BoardObservation
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError, StoppedError, ViewpointsError
 from cell.simulation.devices.world import simulated_world

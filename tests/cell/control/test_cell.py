@@ -16,6 +16,7 @@ from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
+from cell.control.progress import BoardObservation
 from cell.devices import View
 from cell.errors import (
     AcknowledgeRequiredError,
@@ -64,6 +65,10 @@ class Told:
         self.reasons[index] = reason
         if self._on_missing is not None:
             self._on_missing(index)
+
+    def detected(self, index: int, board: BoardObservation, coverage: float) -> None: ...
+    def not_detected(self, index: int, reason: str) -> None: ...
+    def home(self) -> None: ...
 
 
 def simulated(time_factor: float = 20.0, **camera: Any) -> CellSettings:

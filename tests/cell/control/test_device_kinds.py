@@ -14,9 +14,10 @@ from calibration.target.board import Board
 from cell.config.arm_config import ArmSettings, SimulatedArm, URArm
 from cell.config.camera_config import CameraSettings, OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings, ScanSettings
-from cell.control.calibration_run import BoardObservation, run_calibration
+from cell.control.calibration_run import run_calibration
 from cell.control.cell import Cell
 from cell.control.equipment import ARM_KINDS, CAMERA_KINDS, CameraKind
+from cell.control.progress import BoardObservation
 from cell.devices import CameraInfo
 from cell.errors import CalibrationError, CameraUnreachableError, MissingViewsError
 from cell.recording import RecordingWriter

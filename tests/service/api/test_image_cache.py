@@ -81,12 +81,12 @@ def test_without_an_image_the_thumbnail_fails_like_the_preview(
     store: Store = client.app.state.context.store
     row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
     if state is not None:
-        store.add_scan(row)
+        store.scans.add(row)
     if state == "failed":
-        store.end_scan(row.id, state, FAILURE)
+        store.scans.end(row.id, state, FAILURE)
     details = [
         assert_problem(client.get(f"/api/scans/{row.id}/{name}.png"), status, slug) for name in ("thumbnail", "preview")
     ]
     assert details[0] == details[1]
     if state == "scanning":
-        store.end_scan(row.id, "failed", FAILURE)
+        store.scans.end(row.id, "failed", FAILURE)

@@ -12,7 +12,7 @@ import pytest
 
 from cell.control.cell import Cell
 from cell.errors import TooEarlyError
-from service.storage.store import Store
+from service.storage.scan_store import ScanStore
 
 Serve = Callable[..., AbstractContextManager[httpx2.Client]]
 AssertProblem = Callable[[httpx2.Response, int, str], str]
@@ -91,7 +91,7 @@ def test_an_unexpected_error_is_logged_and_not_sent(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(Store, "scans", failing(RuntimeError("the secret reason")))
+    monkeypatch.setattr(ScanStore, "newest", failing(RuntimeError("the secret reason")))
     answer = own.get("/api/scans")
     assert "secret" not in assert_problem(answer, 500, "internal")
     # the log is written after the answer

@@ -51,7 +51,7 @@ def service(quick: ServedClient) -> Iterator[Context]:
 def scan(service: Context) -> str:
     """Add a scan that only the test changes."""
     scan = new_scan("live", "graph", None, NOBODY)
-    service.store.add_scan(scan)
+    service.store.scans.add(scan)
     return scan.id
 
 
@@ -66,7 +66,7 @@ def stalled_client(client: httpx2.Client, path: str) -> Iterator[socket.socket]:
 
 
 def end(service: Context, scan: str) -> None:
-    service.store.end_scan(scan, "aborted", Failure("aborted", "so"))
+    service.store.scans.end(scan, "aborted", Failure("aborted", "so"))
 
 
 def test_slots_are_limited_in_total_and_per_caller() -> None:
@@ -137,7 +137,7 @@ def test_a_client_that_does_not_read_is_dropped_and_delays_no_other(
         wait_until(lambda: service.streams.open == 3)
         backlogs = list(service.store.events.hub._subscribers)
         for number in range(PIECES):
-            service.store.update_scan(scan, stage=PIECE, fraction=number / PIECES)
+            service.store.scans.update(scan, stage=PIECE, fraction=number / PIECES)
         assert quick.post("/api/cell/stop").status_code == 200
         end(service, scan)
         # a client that reads gets the end while the others read nothing
@@ -165,11 +165,11 @@ def test_a_slow_client_gets_a_resync(quick: ServedClient, service: Context, scan
     path = f"/api/scans/{scan}/events"
     with following(quick, path) as events:
         begin = next(events)
-        service.store.set_view(scan, 0, "recorded")
+        service.store.scans.set_view(scan, 0, "recorded")
         change = next(events)
         publish_beyond_backlog(service, scan)
         again = next(events)
-        service.store.set_view(scan, 1, "moving")
+        service.store.scans.set_view(scan, 1, "moving")
         end(service, scan)
         rest = list(events)
     assert [event.kind for event in (begin, change, again, *rest)] == [
@@ -245,13 +245,13 @@ def test_a_stream_ends_when_its_client_is_no_longer_allowed(
         ann, bob = ({"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob"))
         try:
             # tokens exist now, so a client without one is no longer allowed
-            service.store.set_view(scan, 0, "recorded")
+            service.store.scans.set_view(scan, 0, "recorded")
             assert not any("recorded" in line for lines in anybody for line in rest_of(lines))
             wait_until(lambda: service.streams.open == 0)
 
             of_ann, of_bob = followed(ann), followed(bob)
             remove_token(data, "ann")
-            service.store.set_view(scan, 1, "moving")
+            service.store.scans.set_view(scan, 1, "moving")
             assert not any("moving" in line for lines in of_ann for line in rest_of(lines))
             for lines in of_bob:
                 while "moving" not in next(lines):

@@ -33,7 +33,7 @@ def past(
         assert finished(client, done)["state"] == "succeeded"
         why = Failure("robot-lost", "the robot was lost on its way")
         failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=why)
-        client.app.state.context.store.add_scan(failed)
+        client.app.state.context.store.scans.add(failed)
         yield client
 
 
@@ -114,7 +114,7 @@ def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
 ) -> None:
     store = past.app.state.context.store
     for _ in range(25):
-        store.add_scan(replace(new_scan("live", "graph", None, NOBODY), state="aborted"))
+        store.scans.add(replace(new_scan("live", "graph", None, NOBODY), state="aborted"))
     before = len(past.get("/api/scans").json()["scans"])
     page = open_console(past, "#/history").page
     rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
@@ -131,11 +131,11 @@ def test_a_scan_that_is_named_is_shown_though_it_is_too_old_for_the_list(
     open_console: Open, past: ServedClient
 ) -> None:
     store = past.app.state.context.store
-    (old,) = store.scans(1)
+    (old,) = store.scans.newest(1)
     for _ in range(21):
         later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
-        store.add_scan(later)
-        store.end_scan(later.id, "aborted", Failure("stopped", "the arm was stopped"))
+        store.scans.add(later)
+        store.scans.end(later.id, "aborted", Failure("stopped", "the arm was stopped"))
     page = open_console(past, f"#/history/{old.id}").page
     rows = page.get_by_role("list", name="Scans").get_by_role("button", expanded=True)
     expect(rows).to_have_count(1)

@@ -211,8 +211,8 @@ def test_the_newest_result_is_shown_though_later_scans_have_none(
         done = finished(client, client.post("/api/scans", json=asked).headers["Location"])
         store = client.app.state.context.store
         later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
-        store.add_scan(later)
-        store.end_scan(later.id, "failed", Failure("robot-lost", "the robot was lost"))
+        store.scans.add(later)
+        store.scans.end(later.id, "failed", Failure("robot-lost", "the robot was lost"))
         page = open_console(client, "#/result").page
         drawn(page)
         assert page.url.endswith(done["id"])

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from calibration.atomic_write import write_synced
+from cell.control.progress import MissingView
 from cell.devices import View
 from recognition.pipeline import Recognition
 from service.processing.recording_metadata import describe_recording
@@ -38,7 +39,7 @@ class PretendedRecognition:
         on_stage: Callable[[str], None],
         timeout_s: float,
         views: Iterable[View] = (),
-        missing: Sequence[str] = (),
+        missing: Sequence[MissingView] = (),
     ) -> Outcome:
         """Writes the result, at the end of all views."""
         for _ in views:

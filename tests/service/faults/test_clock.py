@@ -83,7 +83,7 @@ from service import clock as wall_clock
 off = datetime.timedelta(days=float(sys.argv[2]))
 wall_clock.utc_now = lambda real=wall_clock.utc_now: real() + off
 store = Store(DataFolder(pathlib.Path(sys.argv[1])))
-store.add_scan(new_scan("replay", "graph", None, NOBODY))
+store.scans.add(new_scan("replay", "graph", None, NOBODY))
 """
 
 
@@ -92,13 +92,13 @@ def test_a_later_service_goes_on_behind_the_last_id(clock: Clock, tmp_path: Path
     subprocess.run([sys.executable, "-c", NEW_ID, str(tmp_path), "1"], check=True)
     clock.off = -DAY
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        store.add_scan(scan := new_scan("replay", "graph", None, NOBODY))
+        store.scans.add(scan := new_scan("replay", "graph", None, NOBODY))
         with store.database.connection() as db:
             in_order = [row["id"] for row in db.execute("SELECT id FROM scans ORDER BY rowid")]
         assert len(in_order) == 2
         assert in_order == sorted(in_order)
-        assert [row.id for row in store.scans(10)] == in_order[::-1]
-        assert [row.id for row in store.scans(10, before=scan.id)] == in_order[-2::-1]
+        assert [row.id for row in store.scans.newest(10)] == in_order[::-1]
+        assert [row.id for row in store.scans.newest(10, before=scan.id)] == in_order[-2::-1]
 
 
 def test_ids_that_are_not_ours_are_no_moments(tmp_path: Path) -> None:
@@ -144,9 +144,9 @@ def test_nothing_is_removed_because_the_clock_was_set(
     monkeypatch.setattr("service.storage.retention.INTERVAL_S", 0.02)
     monkeypatch.setattr("service.storage.retention.STEADY_S", 0.3)
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        store.add_scan(new_scan("replay", "graph", None, NOBODY))
-        (scan,) = store.scans(1)
-        store.update_scan(scan.id, state="failed", ended_at="2026-01-01T00:00:00.000Z")
+        store.scans.add(new_scan("replay", "graph", None, NOBODY))
+        (scan,) = store.scans.newest(1)
+        store.scans.update(scan.id, state="failed", ended_at="2026-01-01T00:00:00.000Z")
         ended = datetime(2026, 1, 1, tzinfo=UTC)
 
         def days_after(days: float) -> timedelta:
@@ -159,9 +159,9 @@ def test_nothing_is_removed_because_the_clock_was_set(
                 time.sleep(0.1)
                 clock.off = days_after(6.5)
                 time.sleep(0.1)
-            assert store.scan(scan.id) is not None
+            assert store.scans.get(scan.id) is not None
             clock.off = days_after(7.5)  # for good
-            wait_until(lambda: store.scan(scan.id) is None)
+            wait_until(lambda: store.scans.get(scan.id) is None)
 
 
 @pytest.mark.parametrize("days", [-1, pytest.param(1, marks=pytest.mark.soak)])

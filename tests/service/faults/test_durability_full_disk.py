@@ -112,7 +112,7 @@ def test_at_each_write_of_an_upload_and_a_replay(replays: Replays) -> None:
     status, scan = replays.once()
     assert (status, scan and scan["state"]) == (202, "succeeded")
     sites = list(replays.disk.sites)
-    assert {"finish", "add_recording", "add_scan", "finish_scan", "write_results"} <= set(sites)
+    assert {"finish", "add_recording", "add", "write_results"} <= set(sites)
     # Those of the stages are alike.
     alike = [place for place in range(1, len(sites)) if sites[place - 1] == sites[place] == "on_stage"]
     for write in range(1, len(sites) + 1):
@@ -176,7 +176,7 @@ def test_at_the_intent_of_a_move(cell: LiveCell, disk: FullDisk) -> None:
     _, scan = live_once(cell, disk, SECOND_INTENT)
     assert scan is not None
     assert (disk.sites[SECOND_INTENT - 2 : SECOND_INTENT], scan["problem"]["type"]) == (
-        ["update_scan", "set_view"],
+        ["update", "set_view"],
         FULL,
     )
     assert cell.events("motion_start", after_s=disk.first_refused_s) == [], "the arm moves without its intent"
@@ -194,7 +194,7 @@ def test_at_each_write_of_a_live_scan(cell: LiveCell, disk: FullDisk) -> None:
     sites, scan = live_once(cell, disk, None)
     assert scan is not None
     assert scan["state"] == "succeeded"
-    assert {"_sync", "set_view", "close", "add_scan_recording", "finish_scan"} <= set(sites), sites
+    assert {"_sync", "set_view", "close", "add_scan_recording", "finish"} <= set(sites), sites
     for write in range(1, len(sites) + 1):
         assert_live_failed(cell, disk, write)
 
@@ -288,6 +288,6 @@ def remove_all_but_first(client: ServedClient, first: str) -> None:
     store = client.app.state.context.store
     wait_until(lambda: client.app.state.context.jobs.idle)
     for old in oldest_first(store, "9999"):
-        row = store.scan(old.id) if old.kind == "scan" else None
+        row = store.scans.get(old.id) if old.kind == "scan" else None
         if row is None or row.recording != first:
             remove(store, old)

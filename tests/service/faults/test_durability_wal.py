@@ -74,9 +74,9 @@ def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> I
         recording = describe_recording(row.id, received)
         do(lambda received=received, recording=recording: store.add_recording(recording, received))
         scan = replace(row, recording=recording.id)
-        do(lambda scan=scan, asked=asked: store.add_scan(scan, asked.key_row(scan)))
-        do(lambda scan=scan: store.set_view(scan.id, 0, "moving"))
-        do(lambda scan=scan: store.update_scan(scan.id, state="processing", stage="reading", fraction=0.5))
+        do(lambda scan=scan, asked=asked: store.scans.add(scan, asked.key_row(scan)))
+        do(lambda scan=scan: store.scans.set_view(scan.id, 0, "moving"))
+        do(lambda scan=scan: store.scans.update(scan.id, state="processing", stage="reading", fraction=0.5))
         if number == SCANS - 1:
             break
         results = folder.incoming(scan.id)
@@ -86,7 +86,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> I
         files["model.json"]["size_bytes"] = 2  # type: ignore[assignment] (as it is kept)
         write_synced(results / "cloud.ply", b"{}")
         files["cloud.ply"] = files["model.json"]
-        do(lambda scan=scan, results=results, files=files: store.finish_scan(scan.id, "succeeded", {}, results, files))
+        do(lambda scan=scan, results=results, files=files: store.scans.finish(scan.id, "succeeded", {}, results, files))
     yield Written(root, commits)
     store.close()
     folder.close()
@@ -148,7 +148,7 @@ def test_the_store_and_the_doctor_go_on_from_there(
         assert found <= FOUND, found
         assert repair(check_target_of(root), lambda _: None).findings == ()
         with closing(DataFolder(root)) as folder, closing(Store(folder)) as opened:
-            before = [row.id for row in opened.scans(100)]
+            before = [row.id for row in opened.scans.newest(100)]
             scan = new_scan("replay", "graph", None, Requester())
-            opened.add_scan(scan)
-            assert [row.id for row in opened.scans(100)] == [scan.id, *before]
+            opened.scans.add(scan)
+            assert [row.id for row in opened.scans.newest(100)] == [scan.id, *before]

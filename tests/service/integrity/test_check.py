@@ -226,7 +226,7 @@ def test_a_running_service_allows_a_check_but_no_repair(data: Data) -> None:
     folder = DataFolder(data.root)
     store = Store(folder)
     active_scan = new_scan("live", "graph", None, NOBODY)
-    store.add_scan(active_scan)
+    store.scans.add(active_scan)
     folder.recording(active_scan.id).write_bytes(b"being written")
     (folder.root / "incoming" / "upload").write_bytes(b"coming in")
     found = check_store(data.store)

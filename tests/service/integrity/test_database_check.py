@@ -39,7 +39,9 @@ def test_a_damaged_database_is_kept_and_its_readable_rows_are_recovered(data: Da
     folder = DataFolder(data.root)
     store = Store(folder)
     for _ in range(300):
-        store.add_scan(dataclasses.replace(new_scan("replay", "graph", None, NOBODY, recording=UPLOAD), state="failed"))
+        store.scans.add(
+            dataclasses.replace(new_scan("replay", "graph", None, NOBODY, recording=UPLOAD), state="failed")
+        )
     store.close()
     folder.close()
     database = data.root / "pointchain.sqlite3"
@@ -146,7 +148,7 @@ def test_a_truncated_log_keeps_the_first_transactions(data: Data, tmp_path: Path
     folder = DataFolder(data.root)
     store = Store(folder)
     for number in range(30):
-        store.add_scan(
+        store.scans.add(
             dataclasses.replace(new_scan("replay", "graph", None, NOBODY), id=f"s{number:02}", state="failed")
         )
     wal = (data.root / "pointchain.sqlite3-wal").read_bytes()

@@ -30,8 +30,8 @@ def assert_lists_are_readable(data: Data) -> None:
     folder = DataFolder(data.root)
     store = Store(folder)
     try:
-        scans, runs = store.scans(100), store.calibrations.newest(100, None)
-        scan_resources(scans, store.views([scan.id for scan in scans]))
+        scans, runs = store.scans.newest(100), store.calibrations.newest(100, None)
+        scan_resources(scans, store.scans.views([scan.id for scan in scans]))
         for run in runs:
             run_resource(run, store.calibrations.views([run.id]))
     finally:

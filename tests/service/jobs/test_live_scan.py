@@ -54,7 +54,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
     assert [view["index"] for view in taken] == list(range(8))
     assert cell.client.get(taken[7]["image"]).content.startswith(b"\x89PNG")
     store: Store = cell.client.app.state.context.store
-    row, views = store.scan(scan["id"]), store.views([scan["id"]])
+    row, views = store.scans.get(scan["id"]), store.scans.views([scan["id"]])
     for view in views:
         assert view.offset_bytes is not None
         assert view.size_bytes is not None

@@ -130,7 +130,7 @@ def test_what_cannot_be_closed_keeps_nothing_else_open(serve: Serve, recording_f
 def live_scan(store: Store, state: ScanState) -> str:
     """A live scan whose recording lies in its place, but was not taken into the store."""
     scan_id = new_id()
-    store.add_scan(ScanRow(scan_id, "live", None, "graph", None, state, None, 0.1, now(), now(), None, None, None))
+    store.scans.add(ScanRow(scan_id, "live", None, "graph", None, state, None, 0.1, now(), now(), None, None, None))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
     K = np.array([[50.0, 0, 32], [0, 50, 20], [0, 0, 1]])
     with RecordingWriter(store.folder.recording(scan_id), header) as writer:

@@ -73,7 +73,7 @@ def test_killed_in_the_middle_of_a_scan(recording_file: Path, tmp_path: Path) ->
     wait_for_end(started)
     folder = DataFolder(data)
     store = Store(folder)
-    scan = store.scan(again.json()["id"])
+    scan = store.scans.get(again.json()["id"])
     assert scan is not None
     # Where it was done before the signal came, there was nothing to interrupt.
     assert scan.state in ("interrupted", "succeeded")

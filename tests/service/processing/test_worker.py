@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cell.control.progress import MissingView
 from cell.devices import View
 from cell.errors import RobotLostError
 from cell.recording import read_recording
@@ -110,7 +111,9 @@ def test_a_hanging_process_is_killed_while_a_message_is_sent(worker: Recognition
     try:
         with pytest.raises(TaskFailedError) as failed:
             # more than the buffer of any pipe
-            worker.run(make_task(header, tmp_path, "hung"), lambda _: None, 0.2, missing=("x" * 4_000_000,))
+            worker.run(
+                make_task(header, tmp_path, "hung"), lambda _: None, 0.2, missing=(MissingView(0, "x" * 4_000_000),)
+            )
     finally:
         rescue.cancel()
     assert failed.value.failure.slug == "recognition-timeout"

@@ -96,7 +96,7 @@ def shut_down_during_a_move(tmp_path: Path) -> tuple[float, float]:
         )
     assert "Traceback" not in (tmp_path / "log").read_text()
     with closing(DataFolder(data)) as folder, closing(Store(folder)) as store:
-        ended = store.scan(scan["id"])
+        ended = store.scans.get(scan["id"])
         assert ended is not None
         assert ended.state == "interrupted"
         assert ended.failure is not None
@@ -139,14 +139,14 @@ def test_a_shutdown_waits_neither_for_a_stalled_client_nor_for_the_database(
         client = open_ones.enter_context(serve(tmp_path))
         context: Context = client.app.state.context
         scan = new_scan("live", "graph", None, NOBODY)
-        context.store.add_scan(scan)
+        context.store.scans.add(scan)
         host, port = client.base_url.host, client.base_url.port or 80
         silent = socket.create_connection((host, port))
         silent.sendall(f"GET /api/scans/{scan.id}/events HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
         wait_until(lambda: context.streams.open == 1)
         # More than the buffers of a connection hold, a few MB on each side.
         for number in range(100):
-            context.store.update_scan(scan.id, stage="x" * 250_000, fraction=number / 100)
+            context.store.scans.update(scan.id, stage="x" * 250_000, fraction=number / 100)
 
         stopped = threading.Event()
         monkeypatch.setattr(context.cell, "stop", stopped.set)

@@ -38,7 +38,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 def add_scan(store: Store) -> str:
     scan = new_scan("live", "graph", None, NOBODY)
-    store.add_scan(scan)
+    store.scans.add(scan)
     return scan.id
 
 
@@ -63,16 +63,16 @@ def as_told(events: list[ScanEvent]) -> list[Told]:
 
 def test_each_change_has_its_event(store: Store) -> None:
     scan = add_scan(store)
-    store.update_scan(scan, state="scanning", started_at="2026-01-02T03:04:05.678Z")
-    store.set_view(scan, 2, "moving")
-    store.set_view(scan, 2, "recorded")
-    store.update_scan(scan, stage="views", fraction=0.5)
-    store.set_view(scan, 3, "moving")
-    store.update_scan(scan, inputs={"method": "graph"})  # what is not told of a scan is no event
-    store.update_scan(scan, ("processing",), stage="no such")  # nor is what was not done
-    store.end_scan(scan, "failed", Failure("robot-lost", "gone"))
-    store.end_scan(scan, "aborted", ABORTED)
-    assert not store.update_scan(scan, fraction=0.9)
+    store.scans.update(scan, state="scanning", started_at="2026-01-02T03:04:05.678Z")
+    store.scans.set_view(scan, 2, "moving")
+    store.scans.set_view(scan, 2, "recorded")
+    store.scans.update(scan, stage="views", fraction=0.5)
+    store.scans.set_view(scan, 3, "moving")
+    store.scans.update(scan, inputs={"method": "graph"})  # what is not told of a scan is no event
+    store.scans.update(scan, ("processing",), stage="no such")  # nor is what was not done
+    store.scans.end(scan, "failed", Failure("robot-lost", "gone"))
+    store.scans.end(scan, "aborted", ABORTED)
+    assert not store.scans.update(scan, fraction=0.9)
 
     events = behind(store, scan)
     kinds = [(event.kind, event.data.get("state"), event.data.get("index")) for event in events]
@@ -108,7 +108,7 @@ def test_a_result_and_its_event_come_together(store: Store) -> None:
     results = store.folder.incoming(scan)
     results.mkdir()
     write_synced(results / "model.json", b"{}")
-    store.finish_scan(scan, "succeeded", {"chains": 1, "crossings": 0, "warnings": [], "partial": False}, results)
+    store.scans.finish(scan, "succeeded", {"chains": 1, "crossings": 0, "warnings": [], "partial": False}, results)
     (*_, last) = behind(store, scan)
     assert last.final
     assert last.data["summary"] == {"chains": 1, "crossings": 0, "warnings": [], "partial": False}
@@ -122,9 +122,9 @@ def test_what_could_not_be_written_is_not_told(store: Store) -> None:
     async def changes() -> None:
         with store.events.hub.subscribe(scan) as news:
             for change in (
-                lambda: store.update_scan(scan, state="scanning"),
-                lambda: store.set_view(scan, 0, "moving"),
-                lambda: store.end_scan(scan, "aborted", ABORTED),
+                lambda: store.scans.update(scan, state="scanning"),
+                lambda: store.scans.set_view(scan, 0, "moving"),
+                lambda: store.scans.end(scan, "aborted", ABORTED),
             ):
                 with (
                     patch.object(Change, "_add", side_effect=OSError("the disk")),
@@ -137,7 +137,7 @@ def test_what_could_not_be_written_is_not_told(store: Store) -> None:
     present = store.events.snapshot(scan)
     assert present is not None
     assert (present.scan.state, present.views, present.newest) == ("queued", [], 1)
-    store.update_scan(scan, state="scanning")
+    store.scans.update(scan, state="scanning")
     assert [event.id for event in behind(store, scan)] == [1, 2]  # without a gap
 
 
@@ -149,8 +149,8 @@ def test_an_event_is_on_the_disk_before_anybody_is_told(store: Store, tmp_path: 
             told_ids.append((event.id, [one.id for one in behind(another, scan)][-1]))
 
     with patch.object(store.events.hub, "publish", publish):
-        store.set_view(scan, 0, "moving")
-        store.update_scan(scan, state="scanning")
+        store.scans.set_view(scan, 0, "moving")
+        store.scans.update(scan, state="scanning")
     assert told_ids == [(2, 2), (3, 3)]
 
 
@@ -158,11 +158,11 @@ def test_from_every_event_on_the_whole_is_the_same(store: Store) -> None:
     scan, wholes = add_scan(store), []
     for number in range(6):
         wholes.append(whole(store, scan))
-        store.set_view(scan, number // 2, "recorded" if number % 2 else "moving")
+        store.scans.set_view(scan, number // 2, "recorded" if number % 2 else "moving")
         wholes.append(whole(store, scan))
-        store.update_scan(scan, stage="views", fraction=number / 6)
+        store.scans.update(scan, stage="views", fraction=number / 6)
         add_scan(store)  # others have events in between
-    store.end_scan(scan, "aborted", ABORTED)
+    store.scans.end(scan, "aborted", ABORTED)
     for before in wholes:
         after = as_told(behind(store, scan, int(before.id)))
         assert folded([before, *after]) == folded([whole(store, scan)])
@@ -170,7 +170,7 @@ def test_from_every_event_on_the_whole_is_the_same(store: Store) -> None:
 
 def test_events_that_never_were_and_events_that_are_gone(store: Store) -> None:
     scan, other = add_scan(store), add_scan(store)
-    store.update_scan(scan, state="scanning")
+    store.scans.update(scan, state="scanning")
     for last in (4, 2**62):
         with pytest.raises(UnknownEventError, match="no event"):
             store.events.since(scan, last)
@@ -207,8 +207,8 @@ def test_too_many_events_of_all_scans_are_not_told_one_by_one(store: Store) -> N
 
 def test_interrupted_at_the_next_start_is_an_event_too(store: Store) -> None:
     scan = add_scan(store)
-    store.set_view(scan, 0, "moving")
-    store.interrupt_unfinished()
+    store.scans.set_view(scan, 0, "moving")
+    store.scans.interrupt_unfinished()
     assert [event.data["state"] for event in behind(store, scan, 2)] == ["missing", "interrupted"]
 
 
@@ -219,9 +219,9 @@ def test_no_gap_and_none_twice_while_all_is_changing(store: Store) -> None:
     def change(scan: str, thread: int) -> None:
         for number in range(40):
             if number % 3:
-                store.set_view(scan, 8 * thread + number % 8, "recorded" if number % 2 else "moving")
+                store.scans.set_view(scan, 8 * thread + number % 8, "recorded" if number % 2 else "moving")
             else:
-                store.update_scan(scan, stage=f"{thread}", fraction=number / 40)
+                store.scans.update(scan, stage=f"{thread}", fraction=number / 40)
 
     def change_all(scan: str) -> None:
         halves = [threading.Thread(target=change, args=(scan, half)) for half in range(2)]
@@ -229,7 +229,7 @@ def test_no_gap_and_none_twice_while_all_is_changing(store: Store) -> None:
             half.start()
         for half in halves:
             half.join()
-        store.end_scan(scan, "aborted", ABORTED)
+        store.scans.end(scan, "aborted", ABORTED)
 
     async def follow(scan: str) -> list[Told]:
         """The whole, and all changes since, through as many connections as it takes."""

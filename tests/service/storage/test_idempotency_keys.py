@@ -140,7 +140,7 @@ def test_a_key_is_its_callers_own(store: Store) -> None:
             assert used == 7.0
             asked = Requester(caller, key)
             scan = new_scan("live", "graph", None, asked)
-            store.add_scan(scan, asked.key_row(scan))
+            store.scans.add(scan, asked.key_row(scan))
         with keys.first_use(key, 8.0) as used:
             assert isinstance(used, ScanRow)
             assert (used.id, used.requested_by) == (scan.id, caller)

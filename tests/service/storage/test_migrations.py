@@ -54,12 +54,12 @@ def test_problem_documents_of_version_6_become_failures(tmp_path: Path) -> None:
             db.execute("PRAGMA user_version = 6")
             db.commit()
         with closing(Store(folder)) as store:
-            failed, succeeded = store.scan("failed"), store.scan("succeeded")
+            failed, succeeded = store.scans.get("failed"), store.scans.get("succeeded")
             assert failed is not None
             assert succeeded is not None
             assert (failed.failure, succeeded.failure) == (Failure("robot-lost", "the link broke"), None)
             with pytest.raises(json.JSONDecodeError):
-                store.scan("damaged")  # as before; `pointchain doctor` finds it
+                store.scans.get("damaged")  # as before; `pointchain doctor` finds it
             missed = store.events.since("failed", 0)
             assert missed is not None
             assert [event.data["failure"] for event in missed.events] == [

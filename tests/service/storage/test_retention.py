@@ -53,8 +53,8 @@ def add_scan(store: Store, name: str, days: float, **values: Any) -> None:
     values = {"state": "succeeded", "ended_at": days_ago(days), "created_at": days_ago(days)} | values
     asked = Requester("ann", Key("ann", f"key of {name}", "hash"))
     row = replace(new_scan("replay", "graph", None, asked), id=name, **values)
-    store.add_scan(row, asked.key_row(row))
-    store.set_view(name, 0, "recorded")
+    store.scans.add(row, asked.key_row(row))
+    store.scans.set_view(name, 0, "recorded")
     store.folder.results(name).mkdir()
     write_synced(store.folder.results(name) / "model.json", KIB)
 
@@ -65,7 +65,7 @@ def swept(store: Store, *, idle: Callable[[], bool] = lambda: True, **config: An
 
 def scans(store: Store) -> set[str]:
     """Those in the store, each with all of its own or nothing."""
-    found = {row.id for row in store.scans(100)}
+    found = {row.id for row in store.scans.newest(100)}
     assert {path.name for path in (store.folder.root / "scans").iterdir()} == found
     with store.database.connection() as db:
         for table in ("events", "views", "idempotency_keys"):
@@ -90,7 +90,7 @@ def test_what_is_too_old_goes_with_all_that_is_its_own(store: Store) -> None:
     assert swept(store, max_age_days=30)
     assert scans(store) == {"young", "marked"}
     assert recordings(store) == {"shared", "wanted", "fresh"}
-    young = store.scan("young")
+    young = store.scans.get("young")
     assert young is not None
     assert young.source is None  # there is no such scan any more
 
@@ -151,17 +151,17 @@ def test_of_an_earlier_version_everything_is_kept_and_can_go(tmp_path: Path) -> 
             db.execute("PRAGMA user_version = 3")
             db.commit()
         with closing(Store(folder)) as store:
-            row = store.scan("old")
+            row = store.scans.get("old")
             assert row is not None
             assert (row.kept, row.source, row.files) == (False, None, None)
             assert swept(store, max_age_days=30)
-            assert store.scan("old") is None
+            assert store.scans.get("old") is None
             assert store.calibrations.scan_errors("sha", 5) == [ScanErrorRow("old", "sha", [1.0], [[2.0]], [3.0])]
 
 
 def test_a_scan_that_was_marked_meanwhile_stays(store: Store) -> None:
     add_scan(store, "old", 99)
-    store.keep_scan("old", True)
+    store.scans.keep("old", True)
     assert remove(store, Candidate("scan", "old", days_ago(99))) is None
     assert scans(store) == {"old"}
 
@@ -204,7 +204,7 @@ def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
             answer = client.post(path, json=body, headers={"Idempotency-Key": path})
             assert "retention" in assert_problem(answer, 507, "storage-full"), path
         store: Store = client.app.state.context.store
-        assert [row.id for row in store.scans(10)] == ["marked"]
+        assert [row.id for row in store.scans.newest(10)] == ["marked"]
         assert store.recordings(10) == []
         assert store.key("local", "/api/scans") is None
         assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing was even connected

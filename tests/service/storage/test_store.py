@@ -73,23 +73,23 @@ def add_recording(store: Store, recording_id: str = "r1") -> None:
 def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
     with opened(tmp_path) as store:
         add_recording(store)
-        store.add_scan(scan_row())
+        store.scans.add(scan_row())
     with opened(tmp_path) as again:
         assert again.recording("r1") == recording_row()
         assert again.folder.recording("r1").read_bytes() == b"abc"
-        assert again.scan("s1") == scan_row()
+        assert again.scans.get("s1") == scan_row()
         assert again.recording("s1") is None
-        assert again.scan("r1") is None
+        assert again.scans.get("r1") is None
 
 
 def test_a_finished_scan_has_its_files_and_a_summary(store: Store) -> None:
     add_recording(store)
-    store.add_scan(scan_row())
+    store.scans.add(scan_row())
     results = store.folder.incoming("s1")
     results.mkdir()
     write_synced(results / "model.json", b"{}")
-    store.finish_scan("s1", "partial", {"chains": 1}, results)
-    scan = store.scan("s1")
+    store.scans.finish("s1", "partial", {"chains": 1}, results)
+    scan = store.scans.get("s1")
     assert scan is not None
     assert (scan.state, scan.summary, scan.fraction) == ("partial", {"chains": 1}, 1.0)
     assert (store.folder.results("s1") / "model.json").read_bytes() == b"{}"
@@ -98,10 +98,10 @@ def test_a_finished_scan_has_its_files_and_a_summary(store: Store) -> None:
 
 def test_a_final_state_is_final(store: Store) -> None:
     add_recording(store)
-    store.add_scan(scan_row())
-    assert store.update_scan("s1", state="aborted")
-    assert not store.update_scan("s1", state="succeeded")
-    scan = store.scan("s1")
+    store.scans.add(scan_row())
+    assert store.scans.update("s1", state="aborted")
+    assert not store.scans.update("s1", state="succeeded")
+    scan = store.scans.get("s1")
     assert scan is not None
     assert scan.state == "aborted"
 
@@ -109,12 +109,12 @@ def test_a_final_state_is_final(store: Store) -> None:
 @pytest.mark.parametrize("state", ACTIVE_STATES)
 def test_unfinished_scans_become_interrupted_and_lose_results_without_a_row(store: Store, state: ScanState) -> None:
     add_recording(store)
-    store.add_scan(scan_row("s1", state))
-    store.add_scan(scan_row("s2", "succeeded"))
+    store.scans.add(scan_row("s1", state))
+    store.scans.add(scan_row("s2", "succeeded"))
     for scan_id in ("s1", "s2"):
         store.folder.results(scan_id).mkdir()
-    store.interrupt_unfinished()
-    interrupted, done = store.scan("s1"), store.scan("s2")
+    store.scans.interrupt_unfinished()
+    interrupted, done = store.scans.get("s1"), store.scans.get("s2")
     assert interrupted is not None
     assert interrupted.state == "interrupted"
     assert interrupted.failure is not None
@@ -137,23 +137,23 @@ def test_lists_are_newest_first_in_pages(store: Store) -> None:
     ids = sorted(new_id() for _ in range(5))
     for scan_id in ids:
         add_recording(store, scan_id)
-        store.add_scan(dataclasses.replace(scan_row(scan_id), recording=scan_id))
-    assert [row.id for row in store.scans(3, None)] == ids[:1:-1]
-    assert [row.id for row in store.scans(3, ids[2])] == ids[1::-1]
+        store.scans.add(dataclasses.replace(scan_row(scan_id), recording=scan_id))
+    assert [row.id for row in store.scans.newest(3, None)] == ids[:1:-1]
+    assert [row.id for row in store.scans.newest(3, ids[2])] == ids[1::-1]
     assert [row.id for row in store.recordings(2, ids[4])] == ids[3:1:-1]
 
 
 def test_threads_write_side_by_side(store: Store) -> None:
     add_recording(store)
     threads = [
-        threading.Thread(target=lambda n=n: [store.add_scan(scan_row(f"s{n}-{k}")) for k in range(20)])
+        threading.Thread(target=lambda n=n: [store.scans.add(scan_row(f"s{n}-{k}")) for k in range(20)])
         for n in range(8)
     ]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(store.scans(500, None)) == 160
+    assert len(store.scans.newest(500, None)) == 160
 
 
 def test_commits_are_synced(store: Store) -> None:

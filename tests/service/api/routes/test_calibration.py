@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import pytest
 from calibration.target.board import Board
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
-from cell.control.calibration_run import BoardObservation
+from cell.control.progress import BoardObservation
 from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.jobs.submission import NOBODY, new_calibration, new_scan
@@ -80,12 +80,14 @@ def client(
         for row in earlier_runs.values():
             store.calibrations.add(row)
         store.calibrations.set_view(earlier_runs["scanning"].id, 0, "recorded")
-        store.calibrations.set_seen(earlier_runs["scanning"].id, 0, BoardObservation(40, 48, 0.12, (3, 4, 11)))
+        store.calibrations.update_view(
+            earlier_runs["scanning"].id, 0, **asdict(BoardObservation(40, 48, 0.12, (3, 4, 11)))
+        )
         store.calibrations.set_view(earlier_runs["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):
             scan = new_scan("live", "graph", None, NOBODY)
-            store.add_scan(replace(scan, state="succeeded"))
+            store.scans.add(replace(scan, state="succeeded"))
             error = ScanErrorRow(
                 scan.id, nominal_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()
             )

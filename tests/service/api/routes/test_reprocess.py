@@ -105,11 +105,11 @@ def killed_service(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterat
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
         requester = Requester(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScanRequest(mode="live"))))
         scans = [replace(new_scan("live", "graph", 0.0042, requester), state="scanning") for _ in range(2)]
-        store.add_scan(scans[0], requester.key_row(scans[0]))
-        store.add_scan(scans[1])
+        store.scans.add(scans[0], requester.key_row(scans[0]))
+        store.scans.add(scans[1])
         for index, state in enumerate(("recorded", "recorded", "moving")):
-            store.set_view(scans[0].id, index, state)  # type: ignore[arg-type] (one of a list)
-        store.set_view(scans[0].id, 3, "missing", "out of the arm's reach")
+            store.scans.set_view(scans[0].id, index, state)  # type: ignore[arg-type] (one of a list)
+        store.scans.set_view(scans[0].id, 3, "missing", "out of the arm's reach")
         content = recording_file.read_bytes()
         folder.recording(scans[0].id).write_bytes(content[: len(content) * 3 // 4])
     with serve(tmp_path) as client:

@@ -46,7 +46,7 @@ def test_the_etag_of_a_file_is_its_hash(client: ServedClient, scan: dict[str, An
 
 def test_the_row_has_the_inputs_and_the_result_files(client: ServedClient, scan: dict[str, Any]) -> None:
     store: Store = client.app.state.context.store
-    row = store.scan(scan["id"])
+    row = store.scans.get(scan["id"])
     assert row is not None
     assert row.files is not None
     for name in (MODEL, CLOUD):

@@ -13,8 +13,8 @@ import pytest
 from service.clock import format_utc
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
-from service.storage.queries import ScanFilter
 from service.storage.rows import ScanRow
+from service.storage.scan_store import ScanFilter
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
 
@@ -57,12 +57,14 @@ NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
     ],
 )
 def test_a_filter_selects_the_matching_scans(store: Store, wanted: ScanFilter, found: str) -> None:
-    store.add_scan(scan("a"))
-    store.add_scan(scan("b", state="failed"))
-    store.add_scan(scan("c", kept=True, created_at=format_utc(NOON)))
-    store.add_scan(scan("d", mode="replay", source="a", created_at=format_utc(NOON + timedelta(hours=2))))
-    assert "".join(row.id for row in store.scans(10, matching=wanted)) == found
-    assert "".join(row.id for row in store.scans(10, "c", wanted)) == "".join(name for name in found if name < "c")
+    store.scans.add(scan("a"))
+    store.scans.add(scan("b", state="failed"))
+    store.scans.add(scan("c", kept=True, created_at=format_utc(NOON)))
+    store.scans.add(scan("d", mode="replay", source="a", created_at=format_utc(NOON + timedelta(hours=2))))
+    assert "".join(row.id for row in store.scans.newest(10, matching=wanted)) == found
+    assert "".join(row.id for row in store.scans.newest(10, "c", wanted)) == "".join(
+        name for name in found if name < "c"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +79,7 @@ def three_scans(client: ServedClient, recording: str) -> list[str]:
     store: Store = client.app.state.context.store
     rows = [replace(new_scan("replay", "graph", None, NOBODY, recording=recording), state="failed") for _ in range(3)]
     for row in rows:
-        store.add_scan(row)
+        store.scans.add(row)
     return [row.id for row in reversed(rows)]
 
 

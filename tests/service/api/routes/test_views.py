@@ -27,11 +27,11 @@ def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
     """Yield the id of a live scan that the store has as running, and the path of its recording."""
     store: Store = client.app.state.context.store
     row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
-    store.add_scan(row)
+    store.scans.add(row)
     path = store.folder.recording(row.id)
     yield row.id, path
     path.unlink(missing_ok=True)
-    store.end_scan(row.id, "failed", Failure("internal", ""))
+    store.scans.end(row.id, "failed", Failure("internal", ""))
 
 
 def test_the_views_of_a_replay_are_those_of_its_recording(
@@ -87,8 +87,8 @@ def test_an_unknown_view_is_not_found(
 def test_a_scan_without_a_recording_has_no_views(client: ServedClient, assert_problem: AssertProblem) -> None:
     store: Store = client.app.state.context.store
     row = replace(new_scan("replay", "graph", None, NOBODY), id=new_id(), state="scanning")
-    store.add_scan(row)
-    store.end_scan(row.id, "failed", Failure("internal", ""))
+    store.scans.add(row)
+    store.scans.end(row.id, "failed", Failure("internal", ""))
     for path in ("views", "views/0.png"):
         detail = assert_problem(client.get(f"/api/scans/{row.id}/{path}"), 404, "no-result")
         assert detail == f"scan {row.id} has no recording"
@@ -108,7 +108,7 @@ def test_a_live_scan_shows_its_views_when_they_are_recorded(
     with RecordingWriter(path, source.header) as writer:
         for number, view in enumerate(source.views, 1):
             writer.write_view(view)
-            client.app.state.context.store.set_view(scan_id, view.index, "recorded")  # as in a live scan
+            client.app.state.context.store.scans.set_view(scan_id, view.index, "recorded")  # as in a live scan
             assert len(client.get(own).json()["views"]) == number
             assert client.get(f"{own}/{view.index}.png").status_code == 200
             assert_problem(client.get(f"{own}/{view.index + 1}.png"), 404, "no-result")

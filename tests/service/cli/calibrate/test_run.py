@@ -137,7 +137,7 @@ def test_a_signal_stops_the_arm_and_the_images_are_kept(tmp_path: Path) -> None:
     ) as running:
         try:
             assert running.stderr is not None
-            while "image 1 of" not in (line := running.stderr.readline()):
+            while "recorded, 1 of" not in (line := running.stderr.readline()):
                 assert line, "the command ended"
             out, err, events = interrupt(running, host, signal.SIGTERM, TIMEOUT_S)
         finally:

@@ -3,7 +3,7 @@
 import httpx2
 import pytest
 
-from service.storage.store import Store
+from service.storage.scan_store import ScanStore
 from tests.service.conftest import ServedClient
 
 
@@ -27,7 +27,7 @@ def test_every_answer_has_the_headers(client: ServedClient, monkeypatch: pytest.
     def fail(*_: object, **__: object) -> None:
         raise RuntimeError("on purpose")
 
-    monkeypatch.setattr(Store, "scan", fail)
+    monkeypatch.setattr(ScanStore, "get", fail)
     unexpected = client.get("/api/scans/x")
     assert unexpected.status_code == 500
     assert_headers(unexpected)
