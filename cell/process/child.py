@@ -16,18 +16,17 @@ import signal
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 from cell.errors import CellError
 from cell.process.logging import child_logging_setup
+from cell.process.python_process import end_process, exit_with_parent, start_python
 
 log = logging.getLogger(__name__)
 
@@ -76,13 +75,8 @@ class Child:
         _limit_pauses(self._pipe)
         # multiprocessing would first import the main program in the child, with all its imports
         with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", f"from cell.process.child import serve; serve({theirs.fileno()})"],
-                stdin=subprocess.PIPE,  # held open: the child ends when it closes, however this process ends
-                pass_fds=[theirs.fileno()],
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)},
-                start_new_session=True,
-            )
+            program = f"from cell.process.child import serve; serve({theirs.fileno()})"
+            self._process = start_python("-c", program, stdin=subprocess.PIPE, pass_fds=[theirs.fileno()])
         with contextlib.suppress(OSError):  # the process may have died already, which the first call reports
             self._pipe.send_bytes(first)
 
@@ -137,7 +131,7 @@ class Child:
         if self.alive:
             with contextlib.suppress(ChildLostError, ChildBusyError, CellError):
                 self.call("close", timeout_s=END_S, turn_s=END_S)
-        self._end()
+        end_process(self._process)
         with self._turn:
             self._pipe.close()
 
@@ -145,16 +139,16 @@ class Child:
         try:
             self._pipe.send(call)
             if not self._pipe.poll(timeout_s):
-                self._end()
+                end_process(self._process)
                 raise ChildLostError(f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s")
             answer = self._pipe.recv()
         except BlockingIOError as error:
-            self._end()
+            end_process(self._process)
             raise ChildLostError(
                 f"the {self.name} process closed the connection during its answer to {call.method!r}"
             ) from error
         except (EOFError, OSError) as error:
-            code = self._end(LAST_WORDS_S)
+            code = end_process(self._process, LAST_WORDS_S)
             raise ChildLostError(f"the {self.name} process has ended (exit code {code})") from error
         except BaseException:
             self.kill()  # interrupted: the answer must not be taken for that of the next call
@@ -162,15 +156,6 @@ class Child:
         if isinstance(answer, Exception):
             raise answer
         return answer
-
-    def _end(self, wait_s: float = 0.0) -> int:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(wait_s)
-        self.kill()
-        code = self._process.wait()
-        assert self._process.stdin is not None
-        self._process.stdin.close()
-        return code
 
 
 def _limit_pauses(pipe: Connection) -> None:
@@ -185,7 +170,7 @@ def serve(pipe_number: int) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
     os.dup2(2, 1)  # vendor libraries print, and stdout is for our own output
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    exit_with_parent()  # so that no process keeps a device
     made: list[Any] = []
     with contextlib.suppress(EOFError, OSError), Connection(pipe_number) as pipe:
         set_up_log, name, make_driver, arguments = pickle.loads(pipe.recv_bytes())
@@ -221,10 +206,3 @@ def _answer_calls(
             log.exception("%s failed", call.method)
             answer = CellError(f"{call.method} raised an unexpected {type(error).__name__}: {error}; please report it")
         pipe.send(answer)
-
-
-def _end_with_parent() -> None:
-    """End the process with its parent, so that no process keeps a device."""
-    while os.read(0, 1024):
-        pass
-    os._exit(1)

@@ -18,10 +18,10 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+from cell.process.python_process import end_process, start_python
+
 HOST = "127.0.0.1"
 HEAD_END = b"\r\n\r\n"
 RETRY_AFTER_S = 5.0
@@ -208,13 +208,12 @@ async def run(load: Load) -> dict[str, Any]:
 def run_load(load: Load) -> Iterator[dict[str, Any]]:
     """Run the load inside the `with` block, and yield a dictionary that holds the results after the block."""
     results: dict[str, Any] = {}
-    command = [sys.executable, "-m", __name__, load.to_json()]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        try:
-            yield results
-            results |= json.loads(process.communicate()[0])
-        finally:
-            process.kill()
+    process = start_python("-m", __name__, load.to_json(), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    try:
+        yield results
+        results |= json.loads(process.communicate()[0])
+    finally:
+        end_process(process)
 
 
 if __name__ == "__main__":

@@ -5,21 +5,27 @@ import json
 import os
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+from cell.process.python_process import end_process, start_python
 from service.benchmark.load_generator import HOST
 from service.config.loader import FILE_VARIABLE, PREFIX
 
 ROOT = Path(__file__).resolve().parents[2]
-SERVE = "import sys; from service.cli.main import main; sys.exit(main(['serve', '--unsupervised']))"
+SERVE = (
+    "import sys; from cell.process.python_process import exit_with_parent; exit_with_parent(); "
+    "from service.cli.main import main; sys.exit(main(['serve', '--unsupervised']))"
+)
+"""Program of the service. The benchmark holds its standard input open."""
 SCAN = {"mode": "live", "string_radius_m": 0.0042}
 START_S = 60.0
 """Timeout for the service to listen, and for each answer."""
+SHUTDOWN_S = 60.0
+"""Timeout for the service to end after SIGTERM. It is killed after that."""
 
 
 class MeasurementError(RuntimeError):
@@ -116,8 +122,8 @@ def run_service(data_dir: Path, controller_host: str) -> Iterator[BenchmarkClien
     environment.pop(FILE_VARIABLE, None)
     log = data_dir / "log"
     with log.open("wb") as output:
-        process = subprocess.Popen(
-            [sys.executable, "-c", SERVE], cwd=ROOT, env=environment, stdout=output, stderr=output
+        process = start_python(
+            "-c", SERVE, environment=environment, cwd=ROOT, stdin=subprocess.PIPE, stdout=output, stderr=output
         )
     try:
         service = BenchmarkClient(_wait_for_port(process, log))
@@ -128,8 +134,7 @@ def run_service(data_dir: Path, controller_host: str) -> Iterator[BenchmarkClien
     except OSError as error:
         raise MeasurementError(f"the service failed: {error}; its log ends with\n{log.read_text()[-2000:]}") from error
     finally:
-        process.terminate()
-        process.wait()
+        end_process(process, SHUTDOWN_S, terminate=True)
 
 
 def _wait_for_port(process: "subprocess.Popen[bytes]", log: Path) -> int:

@@ -6,16 +6,15 @@ process, so that no file affects the next one. The start of a process takes abou
 """
 
 import json
-import os
 import signal
 import subprocess
-import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.writer import MCAP0_MAGIC
 
+from cell.process.python_process import end_process, start_python
 from cell.recording.errors import (
     NotMcapError,
     RecordingContentError,
@@ -35,6 +34,12 @@ MAX_OUTPUT_BYTES = 4 * MIB
 """Maximum size of the process's output, far more than any recording needs."""
 PROGRAM = "from service.processing.upload_sandbox_main import main; main()"
 """Python code that the process runs."""
+ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",  # the stacks of its threads would count as memory of the file
+    "MALLOC_ARENA_MAX": "1",
+    "MALLOC_MMAP_THRESHOLD_": "262144",  # freed images return to the system at once, without fragments
+}
+"""Environment of the process. It has none of the service's variables, since they may hold secrets."""
 
 ERRORS_BY_SLUG: dict[str, type[RecordingError]] = {
     kind.slug: kind
@@ -133,14 +138,16 @@ def _exit_message(name: str, code: int, limits: SandboxLimits) -> str:
 
 def _run_reader(path: Path, limits: SandboxLimits) -> tuple[int | None, bytes]:
     """Run the process and return its exit code, or None after a timeout, and its output."""
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-c", PROGRAM, str(path.absolute()), str(limits.memory_bytes), str(limits.cpu_s)],
-        stdin=subprocess.DEVNULL,
+    arguments = (str(path.absolute()), str(limits.memory_bytes), str(limits.cpu_s))
+    process = start_python(
+        "-c",
+        PROGRAM,
+        *arguments,
+        environment=ENVIRONMENT,
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,  # messages of libraries about an untrusted file stay out of the log
         cwd="/",
-        env=_child_environment(),
-        start_new_session=True,
     )
     timed_out = threading.Event()
 
@@ -152,23 +159,10 @@ def _run_reader(path: Path, limits: SandboxLimits) -> tuple[int | None, bytes]:
     timer.daemon = True
     try:
         timer.start()
-        with process:
-            assert process.stdout is not None
-            output = process.stdout.read(MAX_OUTPUT_BYTES + 1)
-            if len(output) > MAX_OUTPUT_BYTES:
-                process.kill()
-            code = process.wait()
+        assert process.stdout is not None
+        output = process.stdout.read(MAX_OUTPUT_BYTES + 1)
+        code = end_process(process, limits.wall_s if len(output) <= MAX_OUTPUT_BYTES else 0.0)
     finally:
         timer.cancel()
-        process.kill()
+        end_process(process)
     return (None if timed_out.is_set() else code), output
-
-
-def _child_environment() -> dict[str, str]:
-    """Return the environment of the process, without the service's variables, since they may hold secrets."""
-    return {
-        "PYTHONPATH": os.pathsep.join(str(Path(path).absolute()) for path in sys.path),
-        "OPENBLAS_NUM_THREADS": "1",  # the stacks of its threads would count as memory of the file
-        "MALLOC_ARENA_MAX": "1",
-        "MALLOC_MMAP_THRESHOLD_": "262144",  # freed images return to the system at once, without fragments
-    }

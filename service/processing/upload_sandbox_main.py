@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.geometry.transforms import from_quaternion, rigid
+from cell.process.python_process import exit_with_parent
 from cell.recording.errors import RecordingError
 from cell.recording.reader import read_recording
 
@@ -26,6 +27,7 @@ MEMORY, UNEXPECTED = "memory", "unexpected"
 
 def main() -> None:
     """Read the recording named on the command line and write the result to stdout as JSON."""
+    exit_with_parent()
     path, memory_bytes, cpu_s = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     reserve = [bytes(RESERVE_BYTES)]
     _warm_up()

@@ -4,16 +4,16 @@ import logging
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 
 from cell.devices import View
 from cell.process.logging import LoggingSetup
+from cell.process.python_process import exit_with_parent
 from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
@@ -100,7 +100,9 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
         set_up_log(multiprocessing.current_process().name)
     for number in (signal.SIGINT, signal.SIGTERM):  # signals may reach the whole group; the service ends this process
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        exit_with_parent(parent.sentinel)  # so that nothing writes into the service's data folder afterwards
     if hasattr(os, "nice"):
         os.nice(NICE_INCREMENT)
     pipe.send(Ready())
@@ -181,11 +183,3 @@ def _warm_up_drawing() -> None:
         draw_preview(PointChainModel("graph", ChainParameters.for_radius(0.004)), np.zeros((0, 3)))
     except Exception:  # Matplotlib may need a system library that is missing
         log.exception("previews cannot be drawn: scans will have a result, but no preview")
-
-
-def _exit_with_parent() -> None:
-    """Exit when the service has died, so that nothing writes into its data folder afterwards."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)

@@ -6,11 +6,12 @@ This module does not import numpy, because a worker sets its number of threads b
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
+
+from cell.process.python_process import exit_with_parent
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -72,12 +73,6 @@ def _initialise_worker(threads: int | None) -> None:
         os.environ.update(dict.fromkeys(_THREADS, str(threads)))
     # The terminal sends Ctrl-C to all processes. A worker exits without a traceback, and the parent process reports it.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-
-
-def _exit_with_parent() -> None:
-    """Wait until the parent process exits, then exit."""
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    assert parent is not None
+    exit_with_parent(parent.sentinel)

@@ -9,6 +9,7 @@ import signal
 import socket
 import sys
 
+from cell.process.python_process import exit_with_parent
 from cell.simulation.ur_controller.servers.sockets import listening
 
 FIRST, LAST = 2, 250
@@ -65,8 +66,9 @@ def main() -> int:
     )
     if options.with_parent:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+        exit_with_parent()
     print(json.dumps({"host": host, "pid": os.getpid()}), flush=True)
-    asyncio.run(serve(made, sockets, options.with_parent))
+    asyncio.run(serve(made, sockets))
     return 0
 
 

@@ -2,9 +2,7 @@
 
 import asyncio
 import functools
-import os
 import socket
-import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,8 +30,6 @@ IDLE_HZ = 50.0
 HOME_Q_RAD = tuple(np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0)).tolist())
 LATE_S = 0.02
 """Delay beyond which a cycle was held up by other work of the machine."""
-PARENT_S = 1.0
-"""Period at which the parent process is checked."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +53,8 @@ class ControllerOptions:
     """Seed of that error."""
 
 
-async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], with_parent: bool) -> None:
-    """Runs the controller on listening sockets until the process is to end.
-
-    `with_parent`: it exit when standard input is closed, as it is when the parent process dies.
-    """
+async def serve(options: ControllerOptions, sockets: dict[int, socket.socket]) -> None:
+    """Run the controller on listening sockets. It ends only by an error of its cycle."""
     loop = asyncio.get_running_loop()
     log, links = EventLog(), Links()
     q_rad = np.array(options.q_rad, dtype=np.float64)
@@ -83,9 +76,7 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket], w
     await listeners.listen(True)
     await loop.create_server(lambda: AdminServer(robot, links, listeners.listen), sock=sockets[ADMIN_PORT])
     end = loop.create_future()
-    if with_parent:
-        loop.add_reader(sys.stdin.fileno(), _read_end, end)
-    cycle = _Cycle(robot, rtde, os.getppid() if with_parent else None, end)
+    cycle = _Cycle(robot, rtde, end)
     cycle.run()
     await end
 
@@ -96,10 +87,10 @@ class _Cycle:
     It is a chain of timer calls, because a sleeping coroutine costs 50 % more.
     """
 
-    def __init__(self, robot: Robot, rtde: RtdeServer, parent_pid: int | None, end: "asyncio.Future[None]") -> None:
-        self._robot, self._rtde, self._parent_pid, self._end = robot, rtde, parent_pid, end
+    def __init__(self, robot: Robot, rtde: RtdeServer, end: "asyncio.Future[None]") -> None:
+        self._robot, self._rtde, self._end = robot, rtde, end
         self._loop = asyncio.get_running_loop()
-        self._due_s = self._parent_s = self._loop.time()
+        self._due_s = self._loop.time()
 
     def run(self) -> None:
         """Run one cycle and schedule the next one."""
@@ -118,11 +109,6 @@ class _Cycle:
         rtde.send(now_s)
         self._due_s = max(self._due_s + 1.0 / (RATE_HZ if rtde.streaming or robot.arm.busy else IDLE_HZ), now_s)
         self._loop.call_at(self._due_s, self.run)
-        if self._parent_pid is not None and now_s > self._parent_s + PARENT_S:
-            self._parent_s = now_s
-            # standard input stays open while a fork of the parent lives
-            if os.getppid() != self._parent_pid and not self._end.done():
-                self._end.set_result(None)
 
 
 class _Listeners:
@@ -143,8 +129,3 @@ class _Listeners:
                 self._servers.pop(port).close()
                 # bound but not listening, so that connections are refused and the port stays reserved
                 self._sockets[port] = bound(host, port)
-
-
-def _read_end(end: "asyncio.Future[None]") -> None:
-    if not os.read(sys.stdin.fileno(), 4096) and not end.done():
-        end.set_result(None)

@@ -4,14 +4,13 @@ import json
 import os
 import select
 import subprocess
-import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cell.process.python_process import end_process, start_python
 from cell.simulation.ur_controller.admin_client import AdminClient
 
 if TYPE_CHECKING:
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 START_S = 60.0
 """Timeout of the start. Python and numpy take seconds on a busy machine."""
 END_S = 2.0
+"""Time for a controller to end after SIGTERM before it is killed."""
 
 
 class ControllerStartError(RuntimeError):
@@ -57,7 +57,7 @@ class RunningController:
     def close(self) -> None:
         """End the process. No zombie process and no open port remain."""
         self.admin.close()
-        _end(self._process)
+        end_process(self._process, END_S, terminate=True)
 
 
 def start_controller(
@@ -87,7 +87,7 @@ def start_controller(
     """
     if host is not None and not host.startswith("127."):
         raise ControllerStartError(f"{host} is not an address of this machine's loopback; give one like 127.0.0.2")
-    command = [sys.executable, "-m", "cell.simulation.ur_controller", "--with-parent", "--model", model]
+    command = ["-m", "cell.simulation.ur_controller", "--with-parent", "--model", model]
     command += [f"--time-factor={time_factor!r}"]
     command += [f"--host={host}"] if host is not None else []
     command += [f"--table-z-m={table_z_m!r}"] if table_z_m is not None else []
@@ -96,20 +96,11 @@ def start_controller(
     command += (
         ["--q-rad", *map(repr, np.asarray(q_rad, dtype=np.float64).reshape(6).tolist())] if q_rad is not None else []
     )
-    # the package is found from every working directory; Ctrl-C in the terminal does not stop the robot
-    root = str(Path(__file__).resolve().parents[3])
-    paths = [root, *filter(None, [os.environ.get("PYTHONPATH")])]
-    process = subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        start_new_session=True,
-    )
+    process = start_python(*command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
         return RunningController(process, _host(process, host))
     except BaseException:
-        _end(process)
+        end_process(process, END_S, terminate=True)
         raise
 
 
@@ -129,15 +120,3 @@ def _host(process: "subprocess.Popen[bytes]", host: str | None) -> str:
         hint = "end what listens there, or choose another address" if host else "end some of them"
         raise ControllerStartError(f"{answer['error']}; {hint}")
     return answer["host"]
-
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    for stream in (process.stdin, process.stdout):
-        if stream is not None:
-            stream.close()
-    process.terminate()
-    try:
-        process.wait(END_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()

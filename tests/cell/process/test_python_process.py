@@ -1,0 +1,84 @@
+"""Python child processes: start, end, and the end of the parent."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cell.process.python_process import end_process, start_python
+from tests.processes import runs
+
+ROOT = str(Path(__file__).parents[3])
+TIMEOUT_S = 20.0
+
+
+def wait_for_end(pid: int) -> None:
+    deadline = time.monotonic() + TIMEOUT_S
+    while runs(pid):
+        assert time.monotonic() < deadline, "the process still runs"
+        time.sleep(0.02)
+
+
+def test_it_imports_what_the_parent_imports_and_nothing_from_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "cell.py").write_text("raise SystemExit(3)")
+    process = start_python("-c", "import cell.process", cwd=tmp_path)
+    assert end_process(process, TIMEOUT_S) == 0
+
+
+def test_it_has_only_the_given_environment_and_its_own_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("POINTCHAIN_SECRET", "1")
+    program = "import os; print('POINTCHAIN_SECRET' in os.environ, os.environ['GIVEN'], os.getsid(0) == os.getpid())"
+    process = start_python("-c", program, environment={"GIVEN": "2"}, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.read() == b"False 2 True\n"
+    assert end_process(process, TIMEOUT_S) == 0
+    assert process.stdout.closed
+
+
+@pytest.mark.parametrize(("handler", "code"), [("SIG_DFL", -signal.SIGTERM), ("SIG_IGN", -signal.SIGKILL)])
+def test_it_is_killed_if_it_does_not_end_after_sigterm(handler: str, code: int) -> None:
+    program = f"import signal, time; signal.signal(signal.SIGTERM, signal.{handler}); print(flush=True); time.sleep(60)"
+    process = start_python("-c", program, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    assert end_process(process, 0.3, terminate=True) == code
+    assert end_process(process) == code, "a second call does nothing"
+
+
+PARENT = '''
+import os, subprocess, sys, time
+sys.path.insert(0, {root!r})
+from cell.process.python_process import start_python
+program = """import time
+from cell.process.python_process import exit_with_parent
+exit_with_parent()
+print("ready", flush=True)
+time.sleep(60)"""
+child = start_python("-c", program, stdin=subprocess.PIPE)
+fork = os.fork() if {forks} else None
+if fork == 0:
+    time.sleep(60)
+    os._exit(0)
+print(child.pid, fork or 0, flush=True)
+time.sleep(60)
+'''
+
+
+@pytest.mark.parametrize("forks", [False, True])
+def test_it_exits_with_its_parent_even_if_a_fork_holds_the_pipe(forks: bool) -> None:
+    script = PARENT.format(root=ROOT, forks=forks)
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        lines = {parent.stdout.readline() for _ in range(2)}
+        child, fork = map(int, (lines - {"ready\n"}).pop().split())
+        try:
+            parent.kill()
+            parent.wait(TIMEOUT_S)
+            wait_for_end(child)
+        finally:
+            if fork:
+                os.kill(fork, signal.SIGKILL)
