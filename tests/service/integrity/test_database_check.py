@@ -65,7 +65,7 @@ def test_all_rows_outside_the_unreadable_parts_are_recovered(data: Data, monkeyp
     store = Store(folder)
     scans = [new_scan("replay", "graph", None, NOBODY) for _ in range(300)]
     for scan in scans:
-        store.add_scan(dataclasses.replace(scan, state="failed"))
+        store.scans.add(dataclasses.replace(scan, state="failed"))
     store.close()
     folder.close()
     database = data.root / "pointchain.sqlite3"

@@ -116,7 +116,7 @@ def test_calibrations_of_version_7_have_the_present_names(tmp_path: Path) -> Non
             db.commit()
         with closing(Store(folder)) as store:
             scan, solved, failed = (
-                store.scan("scan"),
+                store.scans.get("scan"),
                 store.calibrations.get("solved"),
                 store.calibrations.get("failed"),
             )
