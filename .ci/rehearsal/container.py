@@ -1,5 +1,7 @@
-"""A program in an image's root, as Docker starts it: the root read-only, without rights, and with a network, processes
-and mounts of its own."""
+"""Run a program in the root of an image as Docker does.
+
+The root is read-only. The program has no rights, and a network, processes and mounts of its own.
+"""
 
 import signal
 import subprocess

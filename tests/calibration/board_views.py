@@ -60,8 +60,11 @@ class Recorded:
 def look_at(
     tilt: float, azimuth: float, roll: float, distance_m: float, aim_m: tuple[float, float] = (0.0, 0.0)
 ) -> NDArray[np.float64]:
-    """(4, 4) `T_middle_camera`: a camera `distance_m` from the point aimed at, `tilt` away from upright above it
-    towards `azimuth`; its image's x axis is along the board's plane, but for a turn by `roll` about its view."""
+    """Return `T_middle_camera` (4, 4) of a camera that looks at a point from `distance_m`.
+
+    The camera is tilted by `tilt` from the vertical towards `azimuth`. The x axis of its image is parallel to the
+    board, apart from a rotation by `roll` about the line of sight.
+    """
     # The board's z points away from the viewer, so that the camera is at negative z.
     away = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)])
     level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
@@ -89,8 +92,10 @@ def random_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 def realistic_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it: all round, tilts of 20 to 30 degrees, two distances; the camera keeps its direction but for
-    rolls of 25 and 75 degrees either way."""
+    """Return camera poses as a cell plans them.
+
+    They have all azimuths, tilts of 20 to 30 degrees, two distances, and rolls of 25 and 75 degrees in both directions.
+    """
     rolls = np.radians([25.0, -75.0, -25.0, 75.0])
     poses = []
     for k in range(count):

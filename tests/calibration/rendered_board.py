@@ -54,8 +54,11 @@ def board_before_camera(
     roll_deg: float = 0.0,
     aside_m: tuple[float, float] = (0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """T_camera_board (4, 4): the board's middle at `aside_m` and `distance_m`, rolled about the line of sight, then
-    tilted about an axis in the picture."""
+    """Return `T_camera_board` (4, 4).
+
+    The centre of the board is at `aside_m` and `distance_m`. The board is rolled about the line of sight, then tilted
+    about an axis in the image plane.
+    """
     axis = np.array([np.cos(np.radians(tilt_axis_deg)), np.sin(np.radians(tilt_axis_deg)), 0.0])
     tilted = from_rotation_vector((*aside_m, distance_m), np.radians(tilt_deg) * axis)
     rolled = from_rotation_vector((0.0, 0.0, 0.0), (0.0, 0.0, np.radians(roll_deg)))

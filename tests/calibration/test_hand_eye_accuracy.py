@@ -156,8 +156,10 @@ def test_a_focal_length_that_is_off(count: int, focal: float) -> None:
 
 
 def worst_pair_mm(result: HandEyeResult, truth: Recorded) -> float:
-    """How far apart the worst two of eight views of a scan see the point they look at, through the camera as fitted:
-    its matrix and X go together."""
+    """Return the largest disagreement of eight views of a scan about the point they look at, millimetres.
+
+    The views use the fitted camera matrix together with the fitted hand-eye pose.
+    """
     ray = np.linalg.solve(truth.K, [truth.K[0, 2], truth.K[1, 2], 1.0])
     pixel = truth.K @ ray
     cameras = [

@@ -57,7 +57,7 @@ def prose(page: Path) -> str:
 
 
 def commands(block: Block) -> list[str]:
-    """Return the commands of a `sh` block: one a line, without comments; a `\\` joins lines."""
+    """Return the commands of a `sh` block: one a line, without comments. A backslash joins lines."""
     lines = re.sub(r"\\\n\s*", "", block.text).splitlines()
     return [command for line in lines if (command := re.sub(r"(^|\s+)# .*", "", line).strip())]
 

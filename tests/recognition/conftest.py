@@ -23,7 +23,7 @@ def table_1() -> ChainParameters:
 
 @pytest.fixture(scope="session")
 def round_figures() -> ChainParameters:
-    """r = 10 mm: r_n = 10, r_f = 20, r_cn = 30, r_cf = 35 mm, so that hand-made points are easy to read."""
+    """R = 10 mm: r_n = 10, r_f = 20, r_cn = 30, r_cf = 35 mm, so that hand-made points are easy to read."""
     return ChainParameters.for_radius(0.01)
 
 

@@ -96,7 +96,7 @@ Points = NDArray[np.float64]
 
 
 def grid(length: float, width: float, step: float = STEP_M) -> tuple[Points, Points]:
-    """x and y of even points on a rectangle about the origin."""
+    """X and y of even points on a rectangle about the origin."""
     x, y = np.meshgrid(np.arange(-length / 2, length / 2, step), np.arange(-width / 2 + step / 4, width / 2, step))
     return x.ravel(), y.ravel()
 

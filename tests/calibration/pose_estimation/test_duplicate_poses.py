@@ -17,8 +17,11 @@ WORN = Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06)))
 
 
 def repeated(observations: Observations, times: int, seed: int = 0) -> Observations:
-    """Every view `times` times, one after the other: corners detected again, and the pose read again from a robot at
-    rest, some hundredths of a millimetre and thousandths of a degree off."""
+    """Repeat each view `times` times.
+
+    The corners are detected again, and the pose is read again from a robot at rest, with errors of some hundredths of a
+    millimetre and thousandths of a degree.
+    """
     rng = np.random.default_rng(seed)
 
     def again(view: BoardView, k: int) -> BoardView:

@@ -35,8 +35,10 @@ MOVE_S, REST_S, SHAKE_S = 0.8, 1.5, 0.5
 
 
 def continuous(views: list[View], how: Recorded) -> Iterator[Moment]:
-    """A bag that was left on: 30 poses a second and 15 images, which are of something else while the arm moves or
-    shakes. One image of each rest has a hole."""
+    """Yield the messages of a bag that was recorded without a pause: 30 poses and 15 images per second.
+
+    While the arm moves or vibrates, the images show something else. One image of each rest has a hole.
+    """
     yield from how.beginning(views[0])
     time_s, rng = 0.02, np.random.default_rng(3)
     waypoints = [views[-1].T_base_flange, *(view.T_base_flange for view in views)]

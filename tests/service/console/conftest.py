@@ -1,5 +1,7 @@
-"""The console in a real browser, against a real service: whatever a test does, the page makes no error that the test
-has not named, and asks nobody but its own service."""
+"""The console in a real browser, with a real service.
+
+In each test, the page has no error that the test does not name, and sends requests only to its own service.
+"""
 
 import os
 import re

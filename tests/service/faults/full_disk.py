@@ -1,5 +1,7 @@
-"""A disk that is full from the n-th write on, until there is space again: each sync of a file or folder, and each
-commit of the database, is a write."""
+"""A disk that is full from the n-th write on, until there is space again.
+
+A write is a sync of a file or folder, or a commit of the database.
+"""
 
 import errno
 import os

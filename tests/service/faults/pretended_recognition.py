@@ -1,5 +1,7 @@
-"""What takes a service's time, at no cost, for tests of what is around it: recognition that has the same result each
-time, written as the real one is, and a stranger's recording read without a process of its own."""
+"""Replacements of the slow parts of a service, for tests of the parts around them.
+
+Recognition has the same result each time, written as the real one is. Untrusted recordings are read in this process.
+"""
 
 import errno
 from collections.abc import Callable, Iterable, Sequence

@@ -36,8 +36,10 @@ def before_load_schema(context: schemathesis.HookContext, raw_schema: Any) -> No
 def filter_failure(
     context: schemathesis.HookContext, failure: Exception, case: schemathesis.Case, response: schemathesis.Response
 ) -> bool:
-    """Drops what the description allows: a refusal of what a request as described refers to, and a 503 or 507 where it
-    says that there is one."""
+    """Drop failures that the description allows.
+
+    These are a refusal because of what a valid request refers to, and a declared 503 or 507.
+    """
     match type(failure).__name__:
         case "RejectedPositiveData":
             # This one type alone says that the request is not as described.

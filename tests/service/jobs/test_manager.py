@@ -157,8 +157,10 @@ def test_a_recording_is_found_again_by_any_later_start(serve: Serve, tmp_path: P
 
 
 def frozen_while_it_draws(client: ServedClient, recording_file: Path) -> tuple[str, int, Jobs]:
-    """A scan that has succeeded, and its recognition process, which is suspended before the scan's picture is drawn,
-    unless that was quicker."""
+    """Return a scan that has succeeded, and its recognition process.
+
+    The process is suspended before the preview of the scan is drawn, unless that was quicker.
+    """
     process, jobs = recognition(client), client.app.state.context.jobs
     location = start(client, recording_file)
     wait_until(lambda: jobs.is_drawing(Path(location).name) and client.get(location).json()["state"] == "succeeded")
