@@ -3,6 +3,7 @@
 import ast
 import importlib
 from collections.abc import Collection, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -45,7 +46,11 @@ def sources() -> Iterator[Path]:
         yield from (path for path in (ROOT / package).rglob("*.py") if "node_modules" not in path.parts)
 
 
-CALLS = [node for path in sources() for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+@cache
+def calls() -> list[ast.Call]:
+    """Return all calls of functions in the packages."""
+    trees = [ast.parse(path.read_text()) for path in sources()]
+    return [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Call)]
 
 
 def name_of(call: ast.Call) -> str:
@@ -63,7 +68,7 @@ def constant(call: ast.Call, index: int) -> Any:
 def slugs_in_calls(names: Collection[str] = SLUG_AT.keys()) -> set[str]:
     """Return the slugs that are constants in calls of functions with these names."""
     found = set()
-    for call in CALLS:
+    for call in calls():
         name = name_of(call)
         slug = constant(call, SLUG_AT[name]) if name in names else None
         if isinstance(slug, str):
@@ -80,7 +85,7 @@ def error_classes() -> set[type[Exception]]:
     for path in sources():
         if "slug = " in path.read_text():
             importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-    made = {name_of(call) for call in CALLS}
+    made = {name_of(call) for call in calls()}
 
     def subclasses(kind: type[Exception]) -> Iterator[type[Exception]]:
         for child in kind.__subclasses__():
