@@ -1,4 +1,4 @@
-"""The project around the code: what is installed, what start-up imports, what the lock holds."""
+"""The project files: installed packages, imports at start-up, dependencies, the lock file and licences."""
 
 import importlib
 import json
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 LOCK = (ROOT / "requirements.lock").read_text()
 
-# The machines that the project is for, as far as markers can tell them apart.
+# The supported platforms, as the environment markers of pip distinguish them.
 PLATFORMS = {
     "Linux x86-64": {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "x86_64"},
     "Linux ARM": {"sys_platform": "linux", "platform_system": "Linux", "platform_machine": "aarch64"},
@@ -45,8 +45,8 @@ print(json.dumps([status, sorted({name.partition(".")[0] for name in sys.modules
 
 
 def run_python(code: str, cwd: Path) -> str:
-    """What `code` prints in a fresh interpreter, started where the project's folder is not on the path."""
-    # -P keeps the working directory off sys.path, -E drops PYTHONPATH: only the installation counts.
+    """Run `code` in a new interpreter without the project's folder on its path, and return its output."""
+    # -P keeps the working directory off sys.path and -E ignores PYTHONPATH, so only the installation counts.
     result = subprocess.run(
         [sys.executable, "-P", "-E", "-c", code], cwd=cwd, capture_output=True, text=True, check=False
     )
@@ -55,24 +55,24 @@ def run_python(code: str, cwd: Path) -> str:
 
 
 @pytest.mark.parametrize("name", ["service", "cell", "calibration", "recognition"])
-def test_the_package_is_ours_and_not_another_of_the_same_name(name: str) -> None:
+def test_the_package_comes_from_this_repository(name: str) -> None:
     file = importlib.import_module(name).__file__
     assert file is not None
     assert Path(file).resolve() == ROOT / name / "__init__.py"
 
 
-def test_installation_makes_the_four_packages_importable_and_nothing_else(tmp_path: Path) -> None:
+def test_only_the_four_packages_are_installed(tmp_path: Path) -> None:
     places = json.loads(run_python(FIND_PACKAGES, cwd=tmp_path))
     ours = {name for name, found in places.items() if any(Path(p).resolve().is_relative_to(ROOT / name) for p in found)}
-    assert ours == {"service", "cell", "calibration", "recognition"}, "not as `make setup` installs it"
+    assert ours == {"service", "cell", "calibration", "recognition"}, "the installation differs from `make setup`"
 
 
 NOT_INSTALLED = {"cell.simulation.benchmark", "service.benchmark"}
-"""Packages that only a checkout has."""
+"""Packages that are not installed: they exist in a checkout only."""
 
 
-def test_every_package_folder_but_the_benchmark_is_installed() -> None:
-    # The list in pyproject.toml is written by hand: a new folder is easily forgotten there.
+def test_every_package_folder_except_the_benchmarks_is_installed() -> None:
+    # The list in pyproject.toml is written by hand, so a new folder is easily forgotten.
     folders = {
         ".".join(file.parent.relative_to(ROOT).parts)
         for top in ("service", "cell", "calibration", "recognition")
@@ -82,7 +82,7 @@ def test_every_package_folder_but_the_benchmark_is_installed() -> None:
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(folders - NOT_INSTALLED)
 
 
-def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
+def test_help_imports_no_heavy_library(tmp_path: Path) -> None:
     output = run_python(SHOW_HELP, cwd=tmp_path)
     status, modules = json.loads(output.splitlines()[-1])
     assert status in (0, None)
@@ -92,7 +92,7 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     assert not [name for name in modules if name.startswith("rtde_")]
 
 
-def test_every_dependency_says_why() -> None:
+def test_every_dependency_has_a_comment_with_its_use() -> None:
     text = (ROOT / "pyproject.toml").read_text()
     project = text[text.index("[project]") : text.index("[project.scripts]")]
     lines = re.findall(r'^    "[^"]*".*$', project, flags=re.MULTILINE)
@@ -101,8 +101,8 @@ def test_every_dependency_says_why() -> None:
     assert [line for line in lines if not re.search(r'",\s*# \S', line)] == []
 
 
-def locked() -> list[tuple[Requirement, list[str]]]:
-    """The lock's requirements, each with its hashes."""
+def locked_requirements() -> list[tuple[Requirement, list[str]]]:
+    """Return the requirements of the lock file, each with its hashes."""
     joined = LOCK.replace("\\\n", " ")
     result = []
     for line in joined.splitlines():
@@ -113,18 +113,18 @@ def locked() -> list[tuple[Requirement, list[str]]]:
 
 
 def test_every_locked_package_has_one_version_and_hashes() -> None:
-    for requirement, hashes in locked():
+    for requirement, hashes in locked_requirements():
         assert [part.operator for part in requirement.specifier] == ["=="], str(requirement)
         assert hashes, str(requirement)
         assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", value) for value in hashes), str(requirement)
 
 
-def test_the_lock_names_no_index_and_no_place_on_a_machine() -> None:
+def test_the_lock_contains_no_index_and_no_local_path() -> None:
     assert "://" not in LOCK
-    # A hash and a comment are all that may stand beside a requirement: no --index-url, -f, -e, @ file.
+    # Only hashes and comments may follow a requirement: no --index-url, -f, -e or @ file.
     for line in LOCK.splitlines():
         assert re.fullmatch(r"\s*#.*|[\w.-]+==\S+( ; [^@/]*)? \\|    --hash=sha256:\w+( \\)?", line), line
-    # A comment may name packages, pyproject.toml and the command that made the file, no more.
+    # Comments contain package names, pyproject.toml and the command that made the file, but no path or option.
     assert not re.search(r"#.*(\s/|\s~|--|[A-Za-z]:\\)", LOCK)
 
 
@@ -133,9 +133,9 @@ def test_the_lock_names_no_index_and_no_place_on_a_machine() -> None:
 def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) -> None:
     project = PYPROJECT["project"]
     # Setuptools builds the editable install and is taken from the lock too.
-    wanted = [*PYPROJECT["build-system"]["requires"], *project["dependencies"]]
+    required = [*PYPROJECT["build-system"]["requires"], *project["dependencies"]]
     for extra in project["optional-dependencies"].values():
-        wanted += extra
+        required += extra
     environment = {
         "python_version": python,
         "python_full_version": PYTHONS[python],
@@ -146,10 +146,10 @@ def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) 
     }
     versions = {
         canonicalize_name(requirement.name): next(iter(requirement.specifier)).version
-        for requirement, _ in locked()
+        for requirement, _ in locked_requirements()
         if requirement.marker is None or requirement.marker.evaluate(environment)
     }
-    for line in wanted:
+    for line in required:
         requirement = Requirement(line)
         if requirement.marker is None or requirement.marker.evaluate(environment):
             version = versions.get(canonicalize_name(requirement.name))
@@ -157,18 +157,18 @@ def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) 
             assert requirement.specifier.contains(version), f"{line}, but {version} is locked: make lock"
 
 
-def test_every_package_may_be_used_commercially_and_is_listed_with_its_licence() -> None:
-    made = subprocess.run([sys.executable, str(ROOT / ".ci/licences")], capture_output=True, text=True, check=True)
-    told = made.stdout
-    # For another Python some packages are of another version, and name their licence otherwise.
+def test_every_package_is_listed_with_a_licence_for_commercial_use() -> None:
+    result = subprocess.run([sys.executable, str(ROOT / ".ci/licences")], capture_output=True, text=True, check=True)
+    listing = result.stdout
+    # With another Python, some packages have another version and another name for their licence.
     if "{}.{}".format(*sys.version_info) == (ROOT / ".python-version").read_text().strip():
-        assert (ROOT / "LICENCES.md").read_text() == told, "make licences"
-    licences = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", told, flags=re.MULTILINE))
+        assert (ROOT / "LICENCES.md").read_text() == listing, "make licences"
+    licences = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", listing, flags=re.MULTILINE))
     direct = {canonicalize_name(Requirement(line).name) for line in PYPROJECT["project"]["dependencies"]}
     assert {"numpy", "ik-geo", "distributed", "rosbags", "pytest"} <= set(licences)
-    assert len(direct & set(licences)) >= len(direct) - 1, "all but open3d's other name"
+    assert len(direct & set(licences)) >= len(direct) - 1, "only open3d may be listed by another name"
     assert "unknown" not in licences.values()
-    # What would bind those who build upon it, or forbids some of them the use; a tool of development may be GPL.
-    refused = re.compile(r"(?<!L)GPL|SSPL|BUSL|commons clause|non-?commercial|CC-BY-NC", re.IGNORECASE)
-    shipped = told[: told.index("## For development")]
-    assert refused.findall(shipped) == []
+    # Copyleft and non-commercial licences are not permitted in the product. Development tools may be GPL.
+    forbidden = re.compile(r"(?<!L)GPL|SSPL|BUSL|commons clause|non-?commercial|CC-BY-NC", re.IGNORECASE)
+    shipped = listing[: listing.index("## For development")]
+    assert forbidden.findall(shipped) == []

@@ -1,4 +1,4 @@
-"""Fixtures of the documents' tests: the service's, which live beside its own tests."""
+"""Fixtures for the tests of the documents, shared with the tests of the service."""
 
 from tests.service.conftest import serve
 

@@ -18,7 +18,7 @@ _FENCE = re.compile(r"^( *)(`{3,})([^\n`]*)\n(.*?)^\1\2 *$", re.MULTILINE | re.D
 
 
 def pages() -> list[Path]:
-    """Return every document that people read: README, CONTRIBUTING, the manual, the examples' list."""
+    """Return the documents: README, CONTRIBUTING, CHANGELOG, the list of examples and the manual."""
     top = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md")]
     return [*top, *sorted(DOCS.rglob("*.md"))]
 
@@ -63,7 +63,7 @@ def commands(block: Block) -> list[str]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page's headings and explicit targets, as code forges and the manual make them."""
+    """Return the anchors of a page's headings and explicit targets, as GitHub and the manual form them."""
     text = _FENCE.sub("", page.read_text())
     found: dict[str, int] = {}
     for heading in re.findall(r"^#{1,6} +(.*?) *#*$", text, re.MULTILINE):

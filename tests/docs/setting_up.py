@@ -1,4 +1,4 @@
-"""What the commands of a page take for granted: files of the reader's own."""
+"""Files of the reader that the commands of a page assume."""
 
 from pathlib import Path
 
@@ -8,13 +8,13 @@ from cell.simulation.scenes.scenes import make_scene
 from tests.cell.bag.bags import Recorded, one_image_each, write_bag
 
 
-def page(name: str, folder: Path) -> None:
-    """Put what a page takes for granted into `folder`."""
+def prepare_page(name: str, folder: Path) -> None:
+    """Write the files that a page assumes into `folder`."""
     (folder / "cell.toml").write_text("[gripper]\nstroke_m = 0.085\n")
 
 
-def before(command: str, folder: Path) -> None:
-    """Put what a command needs beside what those before it have made into `folder`."""
+def prepare_command(command: str, folder: Path) -> None:
+    """Write the files that a command needs, and that no earlier command made, into `folder`."""
     if "session.bag" in command and not (folder / "session.bag").exists():
         views = simulate(make_scene("overhand-knot", seed=3), camera_model("oak-d-pro"), seed=3).views
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))

@@ -1,6 +1,6 @@
-"""Every command and program that the documents show is run: here, or by the test that is named.
+"""Every command and program in the documents runs, either here or in the test that `ELSEWHERE` names.
 
-The blocks of a page run in order, in one folder. Where they speak to the service, a simulated cell answers.
+The blocks of a page run in order, in one folder. A service with a simulated cell answers their requests.
 """
 
 import ast
@@ -52,9 +52,12 @@ ELSEWHERE = {
     "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
     "curl -H": "tests/service/security/auth/test_bind_policy.py::",
 }
-"""By how a command begins: what takes too long here, or needs what a test machine lacks."""
+"""The test that covers a command, by the beginning of the command.
+
+These commands take too long here, or need something that a test machine lacks.
+"""
 CELL_COMMANDS = ("pointchain scan", "pointchain calibrate", "pointchain viewpoints", "curl")
-"""Commands that use the cell: they take turns with other tests that do."""
+"""Commands that use the cell. Their tests run one at a time with the other tests of the cell."""
 
 
 def elsewhere(command: str) -> str | None:
@@ -73,7 +76,7 @@ def to_run(page: Path) -> list[Block]:
 
 
 def uses_cell(page: Path) -> bool:
-    """Tell whether a page's blocks need the cell or the service."""
+    """Return whether a page's blocks need the cell or the service."""
     return any(ADDRESS in block.text or any(begin in block.text for begin in CELL_COMMANDS) for block in to_run(page))
 
 
@@ -114,15 +117,15 @@ class Runner:
         return text if self._address is None else text.replace(ADDRESS, self._address)
 
     def _run_command(self, command: str, where: str) -> None:
-        setting_up.before(command, self._folder)
-        asked = self._addressed(command)
+        setting_up.prepare_command(command, self._folder)
+        line = self._addressed(command)
         if command.startswith("curl"):
             for name, value in self._ids.items():
-                asked = re.sub(rf"\b{name}\b", value, asked)
-            # Without --fail curl would take a refusal for an answer.
-            asked = asked.replace("curl ", "curl --silent --show-error --fail --max-time 100 ", 1)
+                line = re.sub(rf"\b{name}\b", value, line)
+            # Without --fail, curl exits with 0 after an error response.
+            line = line.replace("curl ", "curl --silent --show-error --fail --max-time 100 ", 1)
         done = subprocess.run(
-            ["bash", "-euc", asked],
+            ["bash", "-euc", line],
             cwd=self._folder,
             env=self._environment,
             capture_output=True,
@@ -139,14 +142,14 @@ class Runner:
 
 @pytest.fixture(scope="module")
 def shared_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A live cell for all pages: they show a service that has been running for a while."""
+    """A live cell that all pages share, like a service that has been running for a while."""
     with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
         yield live
 
 
 @pytest.fixture
 def cell(request: pytest.FixtureRequest) -> LiveCell | None:
-    """The live cell if the page speaks to the service. Recognition is loaded, and no job is under way."""
+    """The live cell if the page calls the service. Recognition is loaded and no job is active."""
     page: Path = request.getfixturevalue("page")
     if not any(ADDRESS in block.text for block in to_run(page)):
         return None
@@ -159,12 +162,12 @@ def cell(request: pytest.FixtureRequest) -> LiveCell | None:
 @pytest.mark.timeout(600)
 @pytest.mark.skipif(shutil.which("curl") is None, reason="there is no curl")
 @pytest.mark.parametrize("page", PAGES)
-def test_what_a_page_shows_can_be_done(
+def test_the_commands_and_programs_of_a_page_run(
     page: Path, cell: LiveCell | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    setting_up.page(name_of(page), tmp_path)
+    setting_up.prepare_page(name_of(page), tmp_path)
     runner = Runner(tmp_path, cell)
     for block in to_run(page):
         runner.run(block)
@@ -175,19 +178,19 @@ SHOWN = sorted({command for block in ALL if block.language == "sh" for command i
 
 
 @pytest.mark.parametrize("command", [command for command in SHOWN if elsewhere(command) is not None])
-def test_what_is_not_run_here_is_run_there(command: str) -> None:
-    place = elsewhere(command)
-    assert place is not None
-    file, _, what = place.partition("::")
-    assert what in (ROOT / file).read_text()
+def test_a_command_not_run_here_has_another_test(command: str) -> None:
+    covering_test = elsewhere(command)
+    assert covering_test is not None
+    file, _, name = covering_test.partition("::")
+    assert name in (ROOT / file).read_text()
 
 
-def test_no_rule_is_left_over() -> None:
-    """A rule that no command needs would hide the next one that begins so."""
+def test_every_rule_matches_a_command() -> None:
+    """An unused rule would exempt a later command with the same beginning."""
     assert [begin for begin in ELSEWHERE if not any(command.startswith(begin) for command in SHOWN)] == []
 
 
-def test_each_block_says_what_it_is() -> None:
+def test_each_block_has_a_known_language() -> None:
     known = {"sh", "python", "toml", "json", "text", "typescript", "mermaid", "bibtex", "yaml"}
     wrong = [f"{b.page}:{b.line}: {b.language!r}" for b in ALL if b.language not in known and b.language[:1] != "{"]
     assert wrong == []
@@ -204,13 +207,13 @@ def test_configurations_are_accepted(block: Block, tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_text(block.text)
     load_config(file)
-    # What stands there as a comment is accepted too.
+    # Settings in comments are accepted too.
     file.write_text(re.sub(r"^# (?=\w+ = )", "", block.text, flags=re.MULTILINE))
     load_config(file)
 
 
 @pytest.mark.parametrize("block", [b for b in ALL if b.language == "python"], ids=lambda b: f"{b.page}:{b.line}")
-def test_programs_are_whole(block: Block) -> None:
+def test_programs_are_complete(block: Block) -> None:
     tree = ast.parse(block.text)
     dots = [node for node in tree.body if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)]
     assert not [node for node in dots if isinstance(node.value, ast.Constant) and node.value.value is Ellipsis]

@@ -17,7 +17,7 @@ PAGE = DOCS / "reference/command-line.md"
 def leaves(
     parser: argparse.ArgumentParser, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield each command that does something, by its name as `calibrate run`."""
+    """Yield the name, such as `calibrate run`, and the parser of each command without subcommands."""
     (below,) = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)] or [None]
     if below is None:
         yield " ".join(path), parser
@@ -36,9 +36,9 @@ def section(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_it_has_each_argument_that_help_has(name: str) -> None:
+def test_each_command_lists_all_its_arguments(name: str) -> None:
     shown = section(name)
-    # argparse's own text: another reader of the same parser.
+    # The usage text comes from argparse, which is independent of our generator.
     options = set(re.findall(r"(?<![\w-])--[a-z-]+", COMMANDS[name].format_usage())) - {"--help"}
     assert {option for option in options if f"`{option}" not in shown} == set()
     assert f"pointchain {name}" in shown
@@ -50,7 +50,7 @@ def test_no_hidden_argument_is_shown() -> None:
 
 
 @pytest.mark.parametrize("columns", ["40", "200"])
-def test_it_does_not_depend_on_the_terminal(columns: str) -> None:
+def test_the_page_does_not_depend_on_the_terminal_width(columns: str) -> None:
     program = "from generated.command_line import page; print(page(), end='')"
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -1,4 +1,4 @@
-"""The page of configuration keys: complete, with the defaults that the settings have, and an example that loads."""
+"""The page of configuration keys is complete, shows the right defaults and has an example that loads."""
 
 import os
 import tomllib
@@ -34,7 +34,7 @@ class Row:
     section: str
     """Empty for a key of the top level."""
     kind: str | None
-    """Kind of arm or camera that alone has the key."""
+    """The only kind of arm or camera that has the key; None for a key of all kinds."""
     key: str
     type: str
     default: str
@@ -44,11 +44,12 @@ class Row:
 
     @property
     def value(self) -> str | None:
-        """The default as a configuration file would write it; None where the page shows no value."""
+        """The default in the form of a configuration file; None where the page shows no value."""
         return self.default.strip("`") if self.default.startswith("`") else None
 
 
 def rows() -> Iterator[Row]:
+    """Yield the rows of the page's tables."""
     section, kind, inside = "", None, False
     for line in PAGE.read_text().splitlines():
         if line.startswith("## "):
@@ -70,7 +71,7 @@ def is_section(annotation: Any) -> bool:
 
 
 def expected() -> set[tuple[str, str | None, str]]:
-    """Section, kind and key of all settings, from the classes themselves."""
+    """Return section, kind and key of all settings, from their classes."""
     found: set[tuple[str, str | None, str]] = set()
     for name, field in ServiceConfig.model_fields.items():
         if name in KINDS:
@@ -87,7 +88,7 @@ def expected() -> set[tuple[str, str | None, str]]:
     return found
 
 
-def test_every_key_is_there_once() -> None:
+def test_every_key_is_listed_once() -> None:
     shown = [(row.section, row.kind, row.key) for row in ROWS]
     assert len(shown) == len(set(shown))
     assert set(shown) == expected()
@@ -98,11 +99,11 @@ def test_every_key_is_described(row: Row) -> None:
     assert row.meaning.endswith("."), "add a docstring below the field"
     assert row.meaning[0].isupper() or row.meaning[0] == "`"
     numeric = row.type.startswith(("integer", "number", "list of 2 numbers", "list of 3", "list of 6"))
-    assert not numeric or row.unit or row.key in WITHOUT_UNIT, "docs/generated/configuration.py knows no such unit"
+    assert not numeric or row.unit or row.key in WITHOUT_UNIT, "add the unit to docs/generated/configuration.py"
 
 
 def written(section: str, kind: str | None) -> str:
-    """The defaults of a section, or of one kind of it, as a configuration file."""
+    """Return a configuration file with the defaults of a section, or of one kind of it."""
     lines = [f"[{section}]"] if section else []
     for row in ROWS:
         if row.section == section and row.kind in (None, kind) and row.value is not None:
@@ -148,7 +149,7 @@ def test_each_variable_sets_its_key(row: Row, monkeypatch: pytest.MonkeyPatch) -
         load_config()
 
 
-def test_the_example_is_a_real_cell(tmp_path: Path) -> None:
+def test_the_example_configures_a_real_cell(tmp_path: Path) -> None:
     (example,) = (block for block in blocks(PAGE) if block.language == "toml")
     file = tmp_path / "cell.toml"
     file.write_text(example.text)
@@ -158,7 +159,7 @@ def test_the_example_is_a_real_cell(tmp_path: Path) -> None:
     assert config.cell.hand_eye.active_file == config.data_dir / "calibration/hand_eye.json"
 
 
-def test_kinds_are_all_of_them() -> None:
+def test_the_page_has_all_kinds() -> None:
     for section, models in KINDS.items():
         kinds = {get_args(model.model_fields["kind"].annotation)[0] for model in models.values()}
         assert kinds == {row.kind for row in ROWS if row.section == section} - {None}

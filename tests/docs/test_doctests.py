@@ -14,7 +14,7 @@ from service.client import Client
 
 
 @pytest.mark.parametrize("thing", [recognise, Client, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__)
-def test_its_example_runs(thing: Any) -> None:
+def test_the_example_runs(thing: Any) -> None:
     module = sys.modules[thing.__module__]
     finder = doctest.DocTestFinder(recurse=False)
     (example,) = finder.find(thing, thing.__name__, module=module, globs=dict(vars(module)))

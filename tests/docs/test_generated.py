@@ -1,4 +1,4 @@
-"""Pages that are generated from code are as the code has them."""
+"""The generated pages match the code."""
 
 import subprocess
 import sys
@@ -13,7 +13,7 @@ def test_generated_pages_are_up_to_date() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_all_of_them_are_checked() -> None:
+def test_all_generated_pages_are_checked() -> None:
     sys.path.insert(0, str(ROOT / "docs"))
     try:
         import generate

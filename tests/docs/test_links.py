@@ -1,4 +1,4 @@
-"""Links of the documents lead somewhere: to a file, a picture, a heading."""
+"""Links in the documents lead to an existing file, picture or heading."""
 
 from pathlib import Path
 from urllib.parse import unquote
@@ -11,14 +11,14 @@ PICTURE_BYTES = 300_000
 
 
 def broken(page: Path) -> list[str]:
-    """Return what is wrong with each link of a page that leads nowhere."""
+    """Return an error message for each broken link of a page."""
     wrong = []
     for line, target in links(page):
         where = f"{name_of(page)}:{line}: {target}"
         if target.startswith(("http://127.0.0.1", "mailto:")):
             continue
         if "://" in target:
-            # Other sites cannot be asked from here; only https is allowed.
+            # Tests do not contact other sites. Only https is allowed.
             if not target.startswith("https://"):
                 wrong.append(f"{where}: not https")
             continue
@@ -34,7 +34,7 @@ def broken(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", pages(), ids=name_of)
-def test_links_lead_somewhere(page: Path) -> None:
+def test_links_resolve(page: Path) -> None:
     assert broken(page) == []
 
 
@@ -53,7 +53,7 @@ def test_wrong_links_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     ]
 
 
-def test_each_page_is_linked_to() -> None:
+def test_each_page_is_linked() -> None:
     linked = {(page.parent / target.partition("#")[0]).resolve() for page in pages() for _, target in links(page)}
     orphans = [name_of(page) for page in pages() if page.is_relative_to(DOCS) and page not in linked]
     assert orphans == []

@@ -1,4 +1,4 @@
-"""The planner's pages are complete: every member of the model, every call, every exception of the client."""
+"""The planner's pages have every member of the model, every call and every exception of the client."""
 
 import json
 import re
@@ -14,7 +14,7 @@ from tests.docs.pages import DOCS, blocks
 
 PLANNER = DOCS / "planner"
 UNLISTED = ("/docs", "/openapi", "/static", "/console", "/manual", "/ ")
-"""Calls that only people and browsers need."""
+"""Beginnings of paths that only people and browsers call."""
 
 
 def members(schema: dict[str, Any]) -> set[str]:

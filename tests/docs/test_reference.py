@@ -1,4 +1,4 @@
-"""The API reference: what its pages name exists, is documented, and can be imported without a device's library."""
+"""The names in the API reference exist, are documented and load no device library."""
 
 import ast
 import importlib
@@ -23,8 +23,8 @@ NAMES = {
 DEVICE_LIBRARIES = ("depthai", "rtde_control", "rtde_receive", "rtde_io", "dashboard_client", "open3d")
 
 
-def found(name: str) -> Any:
-    """Return the object of a dotted name."""
+def resolve(name: str) -> Any:
+    """Return the object with a dotted name."""
     module, _, attribute = name.rpartition(".")
     return getattr(importlib.import_module(module), attribute)
 
@@ -42,20 +42,20 @@ def field_docstrings(cls: Any) -> dict[str, str | None]:
     return docs
 
 
-def test_the_pages_name_something() -> None:
+def test_the_pages_list_names() -> None:
     assert len(NAMES) > 50
 
 
 @pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind != "data"])
-def test_each_has_a_docstring(name: str) -> None:
-    own = found(name).__doc__
+def test_each_name_has_a_docstring(name: str) -> None:
+    own = resolve(name).__doc__
     assert own
     assert own.splitlines()[0].endswith(".")
 
 
 @pytest.mark.parametrize("name", [name for name, kind in NAMES.items() if kind == "class"])
 def test_each_field_has_a_docstring(name: str) -> None:
-    cls: Any = found(name)
+    cls: Any = resolve(name)
     if is_dataclass(cls):
         docs = field_docstrings(cls)
         assert [field for field, text in docs.items() if not text and not field.startswith("_")] == []
@@ -76,13 +76,13 @@ def attribute_docstrings(node: ast.AST) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_first_line_is_taken_for_a_type(name: str) -> None:
-    """Napoleon takes what stands before a colon in the first line of an attribute's docstring for its type."""
+def test_no_first_line_is_read_as_a_type(name: str) -> None:
+    """Napoleon reads the text before a colon in the first line of an attribute's docstring as its type."""
     module, _, attribute = name.rpartition(".")
     if NAMES[name] == "data":
         texts = attribute_docstrings(ast.parse(inspect.getsource(importlib.import_module(module))))
         texts = {attribute: texts[attribute]}
-    elif inspect.isclass(thing := found(name)):
+    elif inspect.isclass(thing := resolve(name)):
         texts = attribute_docstrings(ast.parse(textwrap.dedent(inspect.getsource(thing))))
         texts |= {key: value.__doc__ or "" for key, value in vars(thing).items() if isinstance(value, property)}
     else:
@@ -91,7 +91,7 @@ def test_no_first_line_is_taken_for_a_type(name: str) -> None:
     assert [key for key, line in outside_code.items() if ":" in line] == []
 
 
-def test_importing_what_the_pages_name_loads_no_device_library() -> None:
+def test_importing_the_listed_modules_loads_no_device_library() -> None:
     modules = sorted({name.rpartition(".")[0] for name in NAMES})
     program = f"import sys, {', '.join(modules)}\nprint([n for n in {DEVICE_LIBRARIES} if n in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=100)

@@ -1,4 +1,4 @@
-"""The documents keep to a length that people read, and to the words of docs/contributor/style.md."""
+"""The documents respect the limits of length and the words of docs/contributor/style.md."""
 
 import re
 from collections.abc import Iterator
@@ -40,25 +40,25 @@ BANNED = {
     r"a price on": "a penalty",
     r"behind (the|its|a) (result|stop|answer|scan|last)": "after",
 }
-"""Words of the past, as patterns, and the word that replaces each."""
+"""Banned words, as patterns, and the replacement of each."""
 _BANNED = {re.compile(rf"\b(?:{pattern})\b", re.IGNORECASE): better for pattern, better in BANNED.items()}
 
 
-def words_of(page: Path) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a page without code, each with its number."""
+def prose_lines(page: Path) -> Iterator[tuple[int, str]]:
+    """Yield number and text of each line of a page, without code."""
     for number, line in enumerate(prose(page).splitlines(), 1):
         in_word_table = page == STYLE and line.startswith("|")
         yield number, line.split("|", 2)[2] if in_word_table else line
 
 
 def banned(line: str) -> list[str]:
-    """Return the banned words in a line, each with its replacement."""
+    """Return a message for each banned word in a line, with its replacement."""
     found = ((pattern.search(line), better) for pattern, better in _BANNED.items())
     return [f"{match[0]!r}: write {better}" for match, better in found if match]
 
 
 def long_lines(page: Path) -> list[str]:
-    """Return the lines that are too long, without the targets of links. Tables and code blocks are not counted."""
+    """Return the lines that are too long. Link targets, tables and code blocks are not counted."""
     lines = page.read_text().splitlines()
     outside = {number for number, line in enumerate(prose(page).splitlines(), 1) if line.strip()}
     shown = ((number, re.sub(r"\]\([^)]*\)", "]()", lines[number - 1])) for number in sorted(outside))
@@ -82,8 +82,8 @@ def test_lines_are_short(page: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_words_are_those_of_the_field(page: Path) -> None:
-    wrong = [f"{name_of(page)}:{number}: {word}" for number, line in words_of(page) for word in banned(line)]
+def test_no_banned_word_is_used(page: Path) -> None:
+    wrong = [f"{name_of(page)}:{number}: {word}" for number, line in prose_lines(page) for word in banned(line)]
     assert wrong == [], "\n".join(wrong)
 
 

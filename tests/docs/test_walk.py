@@ -1,4 +1,4 @@
-"""Files and functions that the documents name exist."""
+"""The files and functions named in the documents exist."""
 
 import ast
 import re
@@ -11,7 +11,7 @@ from tests.docs.pages import DOCS, ROOT, name_of, pages
 
 WALK = DOCS / "contributor" / "walk-of-a-view.md"
 MIN_HOPS = 50
-"""The walk names more functions than this. Fewer mean that the pattern no longer finds them."""
+"""The walk names at least this number of functions. With fewer matches, the pattern no longer finds them."""
 _FUNCTION = re.compile(r"`((?:[\w.-]+/)*[\w-]+\.py):([A-Za-z_][\w.]*)`")
 _FILE = re.compile(r"`((?:recognition|calibration|cell|service|tests|docs|docker|\.ci)/[\w./-]*)(?::[\w.]+)?`")
 
@@ -60,7 +60,7 @@ def test_the_walk_names_functions() -> None:
     assert len(_FUNCTION.findall(WALK.read_text())) >= MIN_HOPS
 
 
-def test_what_does_not_exist_is_found() -> None:
+def test_missing_functions_and_files_are_found() -> None:
     text = "`recognition/pipeline.py:recognise`, `cell/control/cell.py:Cell.stop`, `service/jobs/job.py:kind_of`"
     assert len(_FUNCTION.findall(text)) == 3
     assert wrong_functions(text) == []

@@ -1,4 +1,4 @@
-"""Fixtures of the examples' tests: the service's, which live beside its own tests."""
+"""Fixtures for the tests of the examples, shared with the tests of the service."""
 
 from tests.service.conftest import serve
 

@@ -1,4 +1,4 @@
-"""The example that imports depth images of one's own runs as it is."""
+"""The example that imports a user's own depth images runs without changes."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ from pathlib import Path
 EXAMPLE = Path(__file__).parents[2] / "examples" / "import_own_frames.py"
 
 
-def test_it_writes_a_folder_imports_it_and_finds_the_string(tmp_path: Path) -> None:
+def test_the_example_imports_a_folder_and_finds_the_string(tmp_path: Path) -> None:
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "TMPDIR": str(tmp_path)}
     done = subprocess.run(

@@ -13,6 +13,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def run(name: str, *arguments: Path) -> subprocess.CompletedProcess[str]:
+    """Run an example program with warnings as errors."""
     return subprocess.run(
         [sys.executable, "-W", "error", str(EXAMPLES / name), *map(str, arguments)],
         capture_output=True,
@@ -24,7 +25,7 @@ def run(name: str, *arguments: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The model of the first example, which prints what it found."""
+    """The model file that the first example writes."""
     path = tmp_path_factory.mktemp("library") / "knot.json"
     done = run("recognise_as_library.py", path)
     assert done.returncode == 0, done.stderr
@@ -45,11 +46,11 @@ def test_a_model_is_drawn(model_file: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     pixels = imread(picture)[..., :3]
     coloured = pixels.max(axis=2) - pixels.min(axis=2) > 0.3
-    # The strand and the colour bar.
+    # The strand and the colour bar are coloured.
     assert 0.005 < coloured.mean() < 0.2
 
 
-def test_a_closed_chain_and_doubts_are_drawn(model_file: Path, tmp_path: Path) -> None:
+def test_a_closed_chain_and_ambiguities_are_drawn(model_file: Path, tmp_path: Path) -> None:
     model = json.loads(model_file.read_text())
     model["chains"][0] |= {"closed": True, "ends": ["unseen", "free"], "views": [0] * len(model["chains"][0]["views"])}
     model["crossings"][0]["confidence"] = 0.6
@@ -58,12 +59,12 @@ def test_a_closed_chain_and_doubts_are_drawn(model_file: Path, tmp_path: Path) -
     changed.write_text(json.dumps(model))
     done = run("plot_model.py", changed, picture)
     assert done.returncode == 0, done.stderr
-    # Characters are drawn as outlines, with the text beside them as a comment.
+    # Characters are drawn as outlines, and the text is in a comment beside them.
     assert "confidence 0.60" in picture.read_text()
     assert "ambiguities and warnings: 1" in picture.read_text()
 
 
-def test_an_error_has_no_picture(tmp_path: Path) -> None:
+def test_an_error_document_gives_no_picture(tmp_path: Path) -> None:
     document, picture = tmp_path / "error.json", tmp_path / "error.png"
     document.write_text(json.dumps({"schema": "pointchain/1", "error": {"detail": "no view is complete"}}))
     done = run("plot_model.py", document, picture)
@@ -81,11 +82,11 @@ def test_a_model_without_strings_is_drawn(model_file: Path, tmp_path: Path) -> N
 
 
 def test_the_accuracy_of_point_clouds_is_measured() -> None:
-    """One scene of the first row: a point cloud for each viewpoint gives the right model."""
+    """Point clouds of each viewpoint give the right model, in one scene of the table's first row."""
     example = runpy.run_path(str(EXAMPLES / "point_cloud_accuracy.py"))
     cells = [cell.strip() for cell in example["row"](example["FORMS"][0], 1).strip("|").split("|")]
     assert cells[1:4] == ["1", "1", "0"]
     own_mm, cloud_mm = (float(cell.removesuffix(" mm")) for cell in cells[4:])
-    # About twice the table's figures in docs/researcher/own-data.md.
+    # The limits are about twice the figures in docs/researcher/own-data.md.
     assert own_mm < 0.3
     assert cloud_mm < 0.5

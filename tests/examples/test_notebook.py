@@ -1,4 +1,4 @@
-"""The example notebook runs from its first to its last cell, and is kept without outputs."""
+"""The example notebook runs from first to last cell and is stored without outputs."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from nbclient import NotebookClient
 NOTEBOOK = Path(__file__).resolve().parents[2] / "examples" / "first_look.ipynb"
 
 
-def test_it_is_kept_without_outputs() -> None:
+def test_the_notebook_is_stored_without_outputs() -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
@@ -17,9 +17,9 @@ def test_it_is_kept_without_outputs() -> None:
     assert [cell.id for cell in code if cell.outputs or cell.execution_count is not None] == []
 
 
-# It takes 15 s, and several times as long on a loaded machine.
+# The notebook takes 15 s, and several times as long on a loaded machine.
 @pytest.mark.timeout(280)
-def test_it_runs() -> None:
+def test_the_notebook_runs() -> None:
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     client = NotebookClient(
         notebook,

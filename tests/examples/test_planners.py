@@ -1,4 +1,4 @@
-"""The planners among the examples, in Python and in TypeScript, against a service with a simulated cell."""
+"""The example planners in Python and TypeScript work with a service and a simulated cell."""
 
 import json
 import os
@@ -25,6 +25,7 @@ PLANNERS = {
 
 
 def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a planner against the service at `url`, with these environment variables."""
     return subprocess.run(
         [*PLANNERS[planner], url],
         cwd=ROOT,
@@ -38,30 +39,32 @@ def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess
 
 @pytest.fixture(scope="module")
 def knot(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell with a string on the table."""
     with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
         yield shared
 
 
 @pytest.fixture(scope="module")
 def empty(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell with an empty table."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), scene="empty") as shared:
         yield shared
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_it_takes_over_the_arm_and_prints_the_best_grasp(planner: str, knot: LiveCell) -> None:
+def test_a_planner_takes_over_the_arm_and_prints_the_best_grasp(planner: str, knot: LiveCell) -> None:
     done = run(planner, str(knot.client.base_url))
     assert (done.returncode, done.stderr) == (0, "")
     first, pose = done.stdout.split("\n", 1)
     assert re.fullmatch(r"chain 0 at 0\.\d+ m, open to 0\.01\d+ m, T_base_grasp:", first)
     best = knot.client.get(knot.client.get("/api/scans").json()["scans"][0]["links"]["grasps"]).json()["grasps"][0]
     numbers = json.loads(pose) if planner.endswith(".ts") else rows(pose)
-    assert close(numbers, best["T_base_grasp"])
+    assert is_close(numbers, best["T_base_grasp"])
     assert knot.state()["problem"] == "urn:pointchain:released"
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_it_leaves_a_doubtful_model_to_a_person_and_the_arm_to_the_service(planner: str, empty: LiveCell) -> None:
+def test_a_planner_does_not_take_over_the_arm_without_a_certain_model(planner: str, empty: LiveCell) -> None:
     done = run(planner, str(empty.client.base_url))
     assert (done.returncode, done.stdout) == (1, "")
     assert "no automatic grasp" in done.stderr
@@ -70,20 +73,20 @@ def test_it_leaves_a_doubtful_model_to_a_person_and_the_arm_to_the_service(plann
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_it_says_why_a_scan_has_no_model(planner: str, knot: LiveCell) -> None:
+def test_a_planner_reports_why_a_scan_has_no_model(planner: str, knot: LiveCell) -> None:
     command = [*PLANNERS[planner], str(knot.client.base_url)]
     earlier = len(knot.client.get("/api/scans").json()["scans"])
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         wait_until(lambda: len(knot.client.get("/api/scans").json()["scans"]) > earlier)
         knot.wait_for_motion(knot.client.get("/api/scans").json()["scans"][0]["links"]["self"])
         knot.client.post("/api/cell/stop")
-        said, why = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, said) == (1, "")
-    assert re.fullmatch(r"planner: scan \S+ is aborted: the arm was stopped by request\n", why)
+        output, error = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, output) == (1, "")
+    assert re.fullmatch(r"planner: scan \S+ is aborted: the arm was stopped by request\n", error)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_it_says_why_there_is_no_scan(planner: str) -> None:
+def test_a_planner_reports_why_no_scan_started(planner: str) -> None:
     done = run(planner, "http://127.0.0.1:9")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("planner: ")
@@ -96,5 +99,6 @@ def rows(text: str) -> list[list[float]]:
     return [numbers[start : start + 4] for start in range(0, len(numbers), 4)]
 
 
-def close(a: list[list[float]], b: list[list[float]]) -> bool:
+def is_close(a: list[list[float]], b: list[list[float]]) -> bool:
+    """Return whether two 4x4 arrays are equal within 1e-6."""
     return len(a) == 4 and all(x == pytest.approx(y, abs=1e-6) for x, y in zip(a, b, strict=True))
