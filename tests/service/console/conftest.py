@@ -1,6 +1,6 @@
-"""The console in a real browser, with a real service.
+"""Fixtures for tests of the console in a real browser with a real service.
 
-In each test, the page has no error that the test does not name, and sends requests only to its own service.
+Each test checks that the page has no unexpected error and sends requests only to its own service.
 """
 
 import os
@@ -31,56 +31,56 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
 )
-"""Draws WebGL by the processor, and has the browser ask for nothing of its own accord."""
+"""Options that render WebGL on the CPU and switch off the browser's own requests."""
 
 
 def chromium_path() -> str | None:
-    """Where the browser is, if there is one."""
+    """Return the path of the browser; None if none is installed."""
     return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
 
-# Not for longer than a module's tests: as long as it is open, nothing else in this thread can run an event loop.
+# The scope is a module: while Playwright is open, nothing else in this thread can run an event loop.
 @pytest.fixture(scope="module")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    """The browser. Where there is none, its tests are skipped; not so in continuous integration."""
+    """The browser. Without one, its tests are skipped; in continuous integration they fail."""
     path = chromium_path()
     if path is None:
-        missing = (
+        message = (
             "there is no Chromium: install it (Debian: apt-get install chromium), or name it in POINTCHAIN_CHROMIUM"
         )
         if os.environ.get("CI"):
-            pytest.fail(missing)
-        pytest.skip(missing)
+            pytest.fail(message)
+        pytest.skip(message)
     assert (BUILT / "index.html").is_file(), "the console is not built: run `make setup`"
     expect.set_options(timeout=PATIENCE_S * 500)
-    # It draws by the processor, with as many threads as there are cores: after all else, so that no arm that another
-    # test moves falls silent.
-    last = tmp_path_factory.mktemp("browser") / "chromium"
-    last.write_text(f'#!/bin/sh\nexec nice -n 15 {shlex.quote(path)} "$@"\n')
-    last.chmod(0o755)
+    # The browser renders on all cores. A low priority keeps it from delaying the arms of other tests.
+    wrapper = tmp_path_factory.mktemp("browser") / "chromium"
+    wrapper.write_text(f'#!/bin/sh\nexec nice -n 15 {shlex.quote(path)} "$@"\n')
+    wrapper.chmod(0o755)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=last, args=ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=wrapper, args=ARGUMENTS)
         yield browser
         browser.close()
 
 
 @dataclass
 class Opened:
-    """A page, and what it did."""
+    """A page with its errors and requests."""
 
     page: Page
     origin: str
     errors: list[str] = field(default_factory=list)
     requests: list[Request] = field(default_factory=list)
-    expected: list[str] = field(default_factory=list)
+    allowed: list[str] = field(default_factory=list)
+    """Patterns of errors that the test provokes."""
 
-    def expect(self, *patterns: str) -> None:
-        """Errors that match are what the test is about: a browser tells each refusal as one."""
-        self.expected += patterns
+    def allow_errors(self, *patterns: str) -> None:
+        """Allow errors that match. A browser logs each refused request as an error."""
+        self.allowed += patterns
 
-    def judge(self) -> None:
-        """Nothing went wrong, and nothing left the origin."""
-        unexpected = [error for error in self.errors if not any(re.search(known, error) for known in self.expected)]
+    def check(self) -> None:
+        """Assert that no unexpected error occurred and that all requests went to the origin."""
+        unexpected = [error for error in self.errors if not any(re.search(known, error) for known in self.allowed)]
         assert not unexpected
         outside = {request.url for request in self.requests if not request.url.startswith(f"{self.origin}/")}
         assert not outside
@@ -91,7 +91,7 @@ Open = Callable[..., Opened]
 
 @pytest.fixture
 def open_console(chromium: Browser) -> Iterator[Open]:
-    """`open_console(client, "#/scan", token=..., scheme="dark", width=768)`: the page in a browser of its own."""
+    """Function that opens the page in a new browser context, such as `open_console(client, "#/scan", width=768)`."""
     opened: list[Opened] = []
 
     def open_page(
@@ -111,16 +111,16 @@ def open_console(chromium: Browser) -> Iterator[Open]:
         one = Opened(context.new_page(), origin)
         opened.append(one)
 
-        def told(message: ConsoleMessage) -> None:
+        def on_console(message: ConsoleMessage) -> None:
             if message.type in ("error", "assert"):
                 one.errors.append(f"{message.text} ({message.location.get('url', '')})")
 
-        def asked(request: Request) -> None:
+        def on_request(request: Request) -> None:
             one.requests.append(request)
 
-        one.page.on("console", told)
+        one.page.on("console", on_console)
         one.page.on("pageerror", lambda error: one.errors.append(f"{error.name}: {error.message}"))
-        one.page.on("request", asked)
+        one.page.on("request", on_request)
         one.page.goto(f"{origin}/{at}")
         return one
 
@@ -128,19 +128,19 @@ def open_console(chromium: Browser) -> Iterator[Open]:
     for one in opened:
         one.page.context.close()
     for one in opened:
-        one.judge()
+        one.check()
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A simulated cell behind a service that asks for tokens."""
+    """A service with a simulated cell that requires tokens."""
 
     live: LiveCell
     data: Path
     tokens: dict[Role, str]
 
-    def is_well(self) -> None:
-        """Has the arm stand free and the cell able to scan again."""
+    def make_ready(self) -> None:
+        """Acknowledge a fault if there is one, and wait until the cell can scan."""
         if self.live.state()["state"] == "fault":
             self.live.controller.reset()
             answer = self.live.client.post("/api/cell/acknowledge")
@@ -150,7 +150,7 @@ class Cell:
 
 @pytest.fixture(scope="package")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """One for all tests of this folder, slow enough to be caught in motion; each leaves it able to scan."""
+    """A cell that all tests of this folder share, slow enough to catch in motion. Each test leaves it ready to scan."""
     data = tmp_path_factory.mktemp("cell")
     tokens: dict[Role, str] = {role: add_token(data, f"an-{role}", role) for role in ROLES}
     with live_cell(serve, data, time_factor=5.0) as live:
@@ -158,12 +158,12 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cel
         yield Cell(live, data, tokens)
 
 
-def frames(page: Page) -> int:
-    """How often the 3D view was drawn so far."""
+def frame_count(page: Page) -> int:
+    """Return how many times the 3D view was drawn."""
     return int(page.locator("canvas").get_attribute("data-frames") or 0)
 
 
-def drawn(page: Page) -> None:
-    """Waits until a result is there in 3D, with its cloud."""
+def wait_until_drawn(page: Page) -> None:
+    """Wait until the 3D view shows a result with its point cloud."""
     expect(page.locator('canvas[data-points]:not([data-points="0"])')).to_be_visible()
-    wait_until(lambda: frames(page) > 0)
+    wait_until(lambda: frame_count(page) > 0)

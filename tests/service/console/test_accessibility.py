@@ -1,4 +1,4 @@
-"""Whether everybody can use it: axe's rules on all screens, and what a tablet at arm's length needs."""
+"""All screens pass the rules of axe, and their buttons are large enough for a tablet."""
 
 from typing import Literal
 
@@ -9,14 +9,15 @@ from playwright.sync_api import Page, expect
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 SERIOUS = ("serious", "critical")
 TARGET_PX = 44
-"""The least that a finger hits; most are larger. A hint beside a term may be smaller: it is told in words elsewhere."""
+"""Minimum height of a touch target. Hints beside a term may be smaller: their text is also elsewhere."""
 
 
 def assert_usable(page: Page) -> None:
+    """Assert that axe finds no serious violation, nothing overflows and touch targets are large enough."""
     found = Axe().run(page).response["violations"]
     serious = [
         (one["id"], one["help"], [node["html"] for node in one["nodes"]]) for one in found if one["impact"] in SERIOUS
@@ -24,8 +25,8 @@ def assert_usable(page: Page) -> None:
     assert not serious
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     small = page.evaluate(
-        """(least) => [...document.querySelectorAll("button:not(.hint), .button, select, nav a")]
-            .filter((one) => one.offsetParent !== null && one.offsetHeight < least).map((one) => one.outerHTML)""",
+        """(minimum) => [...document.querySelectorAll("button:not(.hint), .button, select, nav a")]
+            .filter((one) => one.offsetParent !== null && one.offsetHeight < minimum).map((one) => one.outerHTML)""",
         TARGET_PX,
     )
     assert not small
@@ -33,7 +34,7 @@ def assert_usable(page: Page) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 768])
-def test_every_screen(
+def test_every_screen_is_accessible(
     open_console: Open, client: ServedClient, recording: str, scheme: Literal["light", "dark"], width: int
 ) -> None:
     page = open_console(client, scheme=scheme, width=width).page
@@ -52,7 +53,7 @@ def test_every_screen(
         assert_usable(page)
 
 
-def test_signing_in_and_a_fault(open_console: Open, cell: Cell) -> None:
+def test_signing_in_and_a_fault_are_accessible(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client).page
     expect(page.get_by_label("Token")).to_be_visible()
     assert_usable(page)
@@ -61,16 +62,16 @@ def test_signing_in_and_a_fault(open_console: Open, cell: Cell) -> None:
     cell.live.controller.emergency_stop()
     expect(page.get_by_role("region", name="Fault")).to_be_visible()
     assert_usable(page)
-    cell.is_well()
+    cell.make_ready()
 
 
-def test_all_can_be_reached_by_keys(open_console: Open, client: ServedClient) -> None:
+def test_all_controls_can_be_reached_by_keyboard(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
-    met = []
+    focused = []
     for _ in range(40):
         page.keyboard.press("Tab")
-        met.append(page.evaluate("() => document.activeElement.innerText || document.activeElement.type"))
-    assert met[0].startswith("STOP")  # no link of the bar comes before it
-    assert any(one.startswith("Help") for one in met)
-    assert any("Scan: the arm will move" in one for one in met)
+        focused.append(page.evaluate("() => document.activeElement.innerText || document.activeElement.type"))
+    assert focused[0].startswith("STOP")  # no link of the bar precedes it
+    assert any(one.startswith("Help") for one in focused)
+    assert any("Scan: the arm will move" in one for one in focused)

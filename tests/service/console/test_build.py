@@ -1,4 +1,4 @@
-"""What the console is made of."""
+"""The packages, the size and the files of the built console."""
 
 import json
 import re
@@ -12,25 +12,25 @@ WEB = BUILT.parent / "web"
 ROOT = Path(service.__file__).parents[1]
 
 SHELL_BYTES = 150_000
-"""Without the 3D view: what must be there before anything is seen."""
+"""Size limit of the files that the page loads before it shows anything. The 3D view is excluded."""
 VIEW3D_BYTES = 700_000
 
 
-def test_the_lock_names_no_registry_and_has_a_hash_of_each_package() -> None:
+def test_the_lock_names_no_registry_and_has_a_hash_for_each_package() -> None:
     lock = (WEB / "package-lock.json").read_text()
     assert '"resolved"' not in lock
     packages = json.loads(lock)["packages"]
     assert all("integrity" in package for path, package in packages.items() if path)
 
 
-def test_each_package_has_its_version_and_its_reason() -> None:
+def test_each_package_has_an_exact_version_and_a_reason() -> None:
     package = json.loads((WEB / "package.json").read_text())
     versions = package["dependencies"] | package["devDependencies"]
     assert all(re.fullmatch(r"\d+\.\d+\.\d+", version) for version in versions.values())
     assert set(package["//"]) == set(versions)
 
 
-def test_the_page_is_light_and_fetches_the_3d_view_only_when_it_is_wanted() -> None:
+def test_the_page_is_small_and_loads_the_3d_view_on_demand() -> None:
     scripts = {path.name: path.read_text() for path in BUILT.glob("*.js")}
     (view3d,) = [name for name in scripts if name.startswith("view3d-")]
     assert len(scripts.pop(view3d)) < VIEW3D_BYTES
@@ -42,8 +42,8 @@ def test_the_page_is_light_and_fetches_the_3d_view_only_when_it_is_wanted() -> N
     assert sum(others) < SHELL_BYTES
 
 
-def test_the_3d_view_can_ask_the_service_for_nothing() -> None:
-    """So that nothing in it moves the robot."""
+def test_the_3d_view_sends_no_requests() -> None:
+    """Code of the 3D view can therefore not move the robot."""
     for path in (WEB / "src/view3d").glob("*.ts"):
         source = path.read_text()
         assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|EventSource|sendBeacon|\.\./(net|state)/", source), (
@@ -51,7 +51,7 @@ def test_the_3d_view_can_ask_the_service_for_nothing() -> None:
         )
 
 
-def test_what_is_built_goes_into_a_wheel() -> None:
+def test_built_files_are_part_of_the_wheel() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     assert project["package-data"]["service.console"] == ["built/*"]
     assert "service.console" in project["packages"]

@@ -1,4 +1,4 @@
-"""Calibrating by the page: watched, judged, taken into use, verified."""
+"""A person calibrates on the page: watches the run, reads the verdict, activates and verifies."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,29 +13,29 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
-LEFT_OUT = {
+EXCLUDED_VIEW = {
     **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "loo_error_m", "distance_m")),
     "name": "04_pose11",
     "used": False,
     "reason": "it contradicts the others",
     "corners": 48,
 }
-"""A view that a solver did not take."""
+"""A view that the solver excluded."""
 
 
 @pytest.fixture(scope="module")
 def live(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A simulated cell that is quick, with a calibration that nobody has judged."""
+    """A fast simulated cell whose calibration has no verdict."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=20.0) as cell:
         yield cell
 
 
 @pytest.fixture(scope="module")
-def refused(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
-    """A service of which the only calibration so far must not be used."""
-    result = REFUSED | {"views": [LEFT_OUT]}
+def rejected(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
+    """A service whose only calibration was rejected."""
+    result = REFUSED | {"views": [EXCLUDED_VIEW]}
     run = replace(new_calibration("calibration", Board(), 12), state="succeeded", result=result)
     with serve(tmp_path_factory.mktemp("data")) as client:
         store = client.app.state.context.store.calibrations
@@ -44,17 +44,17 @@ def refused(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
         yield client
 
 
-def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, live: LiveCell) -> None:
+def test_a_calibration_is_made_activated_and_verified(open_console: Open, live: LiveCell) -> None:
     page = open_console(live.client, "#/calibration").page
     in_use = page.get_by_role("region", name="Active calibration")
     expect(in_use).to_contain_text("not judged")
-    usual = board_with_defaults({})
+    board = board_with_defaults({})
     page.get_by_text("Another board, or another number of poses").click()
-    pitch = f"{usual.pitch_m * 1000:g}"
-    for label, number in (("Columns", str(usual.columns)), ("Rows", str(usual.rows)), ("Side of a square", pitch)):
+    pitch = f"{board.pitch_m * 1000:g}"
+    for label, number in (("Columns", str(board.columns)), ("Rows", str(board.rows)), ("Side of a square", pitch)):
         expect(page.get_by_label(label)).to_have_attribute("placeholder", number)
-    assert usual.kind == "charuco"
-    expect(page.get_by_role("main")).to_contain_text(f"ChArUco, {usual.columns} x {usual.rows} of {pitch} mm")
+    assert board.kind == "charuco"
+    expect(page.get_by_role("main")).to_contain_text(f"ChArUco, {board.columns} x {board.rows} of {pitch} mm")
     page.get_by_label("Poses").fill("12")
     page.get_by_role("button", name="Calibrate: the arm moves").click()
 
@@ -70,20 +70,21 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
 
     last = page.get_by_role("region", name="The last run")
     expect(last).to_contain_text("The calibration holds on views that were not used to make it")
-    (told,) = live.client.get("/api/calibration/runs").json()["runs"]
-    seen = {cell for view in told["progress"]["views"] for cell in view["cells"]}
+    (document,) = live.client.get("/api/calibration/runs").json()["runs"]
+    seen = {cell for view in document["progress"]["views"] for cell in view["cells"]}
     expect(last.get_by_role("img", name=f"The board was seen in {len(seen)} of 40 parts")).to_be_visible()
-    expect(last).to_contain_text(f"± {told['result']['metrics']['sigma_m'] * 1000:.2f} mm")
-    expect(last).to_contain_text(f"{told['result']['board']['scale'] * 100:.2f} %")
-    found = [view for view in told["progress"]["views"] if view["corners"] is not None]
+    expect(last).to_contain_text(f"± {document['result']['metrics']['sigma_m'] * 1000:.2f} mm")
+    expect(last).to_contain_text(f"{document['result']['board']['scale'] * 100:.2f} %")
+    found = [view for view in document["progress"]["views"] if view["corners"] is not None]
     expect(last).to_contain_text(f"The board was found in {len(found)} of 14 views")
-    assert live.client.get("/api/calibration").json()["calibration"]["verdict"] is None  # nothing is in use unasked
+    # A result is never activated automatically.
+    assert live.client.get("/api/calibration").json()["calibration"]["verdict"] is None
 
     last.get_by_role("button", name="Use this calibration").click()
     expect(last).to_contain_text("Active since")
-    words = {"accept": "good", "warn": "usable, with warnings"}[told["result"]["verdict"]]
-    expect(in_use).to_contain_text(words)
-    expect(page.get_by_role("banner")).to_contain_text(words)
+    verdict = {"accept": "good", "warn": "usable, with warnings"}[document["result"]["verdict"]]
+    expect(in_use).to_contain_text(verdict)
+    expect(page.get_by_role("banner")).to_contain_text(verdict)
 
     page.get_by_role("button", name="Verify the active calibration").click()
     expect(last.get_by_role("heading", name="Verification")).to_be_visible()
@@ -92,18 +93,18 @@ def test_a_calibration_is_made_taken_into_use_and_verified(open_console: Open, l
     expect(page.get_by_role("region", name="Earlier runs")).to_contain_text("Active since")
 
 
-def test_a_refused_run_is_told_as_refused_wherever_it_is_shown(open_console: Open, refused: ServedClient) -> None:
-    opened = open_console(refused, "#/calibration")
-    opened.expect("404.*views/11.png")  # nobody took it
+def test_a_rejected_run_is_shown_as_rejected_everywhere(open_console: Open, rejected: ServedClient) -> None:
+    opened = open_console(rejected, "#/calibration")
+    opened.allow_errors("404.*views/11.png")  # this picture does not exist
     page = opened.page
     last = page.get_by_role("region", name="The last run")
     expect(last).to_contain_text("must not be used")
     expect(last).to_contain_text("All turns are about one axis: tilt it too.")
-    expect(last).to_contain_text("View 11 was excluded: it contradicts the others.")  # as its picture is numbered
+    expect(last).to_contain_text("View 11 was excluded: it contradicts the others.")  # the number of its picture
     expect(last.get_by_role("list", name="Views")).to_contain_text("11: searching for the board")
     expect(last.get_by_role("button", name="Use this calibration")).to_have_count(0)
 
-    store = refused.app.state.context.store.calibrations
+    store = rejected.app.state.context.store.calibrations
     store.add(replace(new_calibration("verification", None, 2), state="aborted"))
     page.reload()
     expect(last.get_by_role("heading", name="Verification")).to_contain_text("Stopped")

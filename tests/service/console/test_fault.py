@@ -1,4 +1,4 @@
-"""A protective stop, as the page tells it and has it acknowledged."""
+"""The page shows a protective stop, and a maintainer acknowledges it."""
 
 import json
 import re
@@ -12,18 +12,18 @@ from tests.service.console.conftest import Cell, Open
 
 CHECK_FIRST = json.loads((BUILT.parent / "web/src/texts/en.json").read_text())["fault"]["check"]
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 
-def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_console: Open, cell: Cell) -> None:
+def test_a_maintainer_acknowledges_a_protective_stop_after_checking(open_console: Open, cell: Cell) -> None:
     operator = open_console(cell.live.client, token=cell.tokens["operator"]).page
     opened = open_console(cell.live.client, token=cell.tokens["maintainer"])
-    opened.expect("409")  # too early
+    opened.allow_errors("409")  # too early
     maintainer = opened.page
     location = cell.live.start()
     cell.live.wait_for_motion(location)
     cell.live.controller.protective_stop()
-    # First what has to be within the five seconds in which the robot itself refuses, which is told and waited for.
+    # The robot refuses the acknowledgement for five seconds, so this part comes first.
     acknowledge = maintainer.get_by_role("button", name="Acknowledge: nothing moves")
     expect(acknowledge).to_be_disabled()
     maintainer.get_by_label("I have checked the cell").check()
@@ -34,7 +34,7 @@ def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_c
         expect(fault).to_contain_text("protective stop")
         for check in CHECK_FIRST["protective-stop"].values():
             expect(fault).to_contain_text(check)
-        # What was heard of it, but only as long as that is new: nobody listens to it now.
+        # The bar shows the last safety mode as long as it is recent. The service no longer listens to the robot.
         expect(page.get_by_role("banner")).to_contain_text(re.compile("safety: protective stop|no answer for"))
         page.keyboard.press("4")
         expect(fault).to_be_visible()  # on every screen
@@ -50,8 +50,8 @@ def test_a_protective_stop_is_acknowledged_by_a_maintainer_who_has_looked(open_c
         expect(page.get_by_role("region", name="Fault")).to_have_count(0)
         expect(page.get_by_role("banner")).to_contain_text("Acknowledged: connect, or start a live scan")
     expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
-    cell.is_well()
+    cell.make_ready()
 
 
-def test_each_fault_has_what_to_check_first() -> None:
+def test_each_fault_has_a_list_of_checks() -> None:
     assert set(CHECK_FIRST) == {fault.slug for fault in FAULTS}

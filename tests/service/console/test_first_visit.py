@@ -1,4 +1,4 @@
-"""The page as it is opened first."""
+"""The first visit to the page, and the files that it loads."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,10 +12,10 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 
-def test_without_a_token_it_tells_the_cell_at_once(open_console: Open, client: ServedClient) -> None:
+def test_the_page_shows_the_cell_state_without_a_token(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not ready")
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not connected yet")
@@ -33,7 +33,7 @@ def test_each_screen_has_an_address_and_a_key(open_console: Open, client: Served
         expect(page.get_by_role("heading", name=name, level=1)).to_be_visible()
 
 
-def test_the_files_are_the_services_own_and_asked_for_again(client: ServedClient) -> None:
+def test_the_files_come_from_the_service_and_are_revalidated(client: ServedClient) -> None:
     page = client.get("/")
     assert page.headers["content-type"].startswith("text/html")
     assert "script-src" not in page.headers["content-security-policy"]
@@ -48,14 +48,14 @@ def test_the_files_are_the_services_own_and_asked_for_again(client: ServedClient
         assert again.status_code == 304
 
 
-def test_nothing_but_what_is_built_can_be_had(
+def test_only_built_files_are_served(
     client: ServedClient, assert_problem: Callable[[httpx2.Response, int, str], str]
 ) -> None:
     for path in ("/console/none.js", "/console/../web/package.json", "/console/%2e%2e/__init__.py", "/console/"):
         assert_problem(client.get(path), 404, "not-found")
 
 
-def test_where_nothing_is_built_the_rest_works(
+def test_the_api_works_without_a_built_console(
     serve: Serve,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

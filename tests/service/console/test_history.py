@@ -1,4 +1,4 @@
-"""Past scans."""
+"""The page of past scans."""
 
 import json
 import re
@@ -16,7 +16,7 @@ from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
@@ -25,19 +25,19 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 def past(
     serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ServedClient]:
-    """A service with a scan that has a result, and one that has none."""
+    """A service with one scan that has a result and one that has none."""
     with serve(tmp_path_factory.mktemp("data")) as client:
         recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
-        wanted = {"mode": "replay", "recording": recording}
-        done = client.post("/api/scans", json=wanted).headers["Location"]
+        request = {"mode": "replay", "recording": recording}
+        done = client.post("/api/scans", json=request).headers["Location"]
         assert finished(client, done)["state"] == "succeeded"
-        why = Failure("robot-lost", "the robot was lost on its way")
-        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=why)
+        failure = Failure("robot-lost", "the robot was lost on its way")
+        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=failure)
         client.app.state.context.store.scans.add(failed)
         yield client
 
 
-def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: ServedClient) -> None:
+def test_scans_are_listed_filtered_opened_and_protected(open_console: Open, past: ServedClient) -> None:
     page = open_console(past, "#/history").page
     rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
     expect(rows).to_have_count(2)
@@ -65,7 +65,7 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     assert past.get(scan["links"]["self"]).json()["kept"]
     page.get_by_label("only protected scans").check()
     expect(rows).to_have_count(1)
-    # With the filter the scan would leave the list as soon as it is kept no longer.
+    # With the filter, the scan would leave the list as soon as its protection is removed.
     page.get_by_label("only protected scans").uncheck()
     expect(rows).to_have_count(1)
     page.get_by_role("button", name="Remove the protection").click()
@@ -79,11 +79,11 @@ def test_scans_are_listed_filtered_opened_and_kept(open_console: Open, past: Ser
     expect(rows).to_have_count(0)
 
 
-def test_a_list_that_did_not_come_is_asked_for_again(open_console: Open, past: ServedClient) -> None:
+def test_a_list_is_requested_again_after_an_error(open_console: Open, past: ServedClient) -> None:
     opened = open_console(past, "#/scan")
-    opened.expect("503")
+    opened.allow_errors("503")
     page = opened.page
-    # Lists are asked for once more when the page has heard of the last scan.
+    # The page requests its lists again after it has received the last scan.
     expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Done|Failed"))
     refusal = problem_document("busy", "another program holds the database; try again")
     page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
@@ -93,7 +93,7 @@ def test_a_list_that_did_not_come_is_asked_for_again(open_console: Open, past: S
     expect(page.get_by_text("Another program holds the database; try again.")).to_have_count(0)
 
 
-def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:
+def test_a_scan_is_recognised_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:
     page = open_console(past, "#/history").page
     page.get_by_label("Outcome").select_option(label="with a result")
     page.get_by_role("list", name="Scans, the newest first").get_by_role("button").last.click()
@@ -109,7 +109,7 @@ def test_a_scan_is_worked_out_again_with_other_parameters(open_console: Open, pa
     assert page.url.endswith(made["id"])
 
 
-def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
+def test_older_scans_are_shown_on_request_and_stay_after_a_new_scan(
     open_console: Open, past: ServedClient, finished: Finished
 ) -> None:
     store = past.app.state.context.store
@@ -127,9 +127,7 @@ def test_older_scans_are_shown_when_asked_for_and_stay_when_one_is_new(
     expect(rows).to_have_count(min(before + 1, 40))
 
 
-def test_a_scan_that_is_named_is_shown_though_it_is_too_old_for_the_list(
-    open_console: Open, past: ServedClient
-) -> None:
+def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(open_console: Open, past: ServedClient) -> None:
     store = past.app.state.context.store
     (old,) = store.scans.newest(1)
     for _ in range(21):

@@ -11,7 +11,7 @@ from service.security.middleware.headers import MANUAL_FOLDER
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 SERIOUS = ("serious", "critical")
 
@@ -61,11 +61,11 @@ def test_equations_have_the_font_of_the_manual_and_fit_the_page(open_console: Op
         "() => [...document.querySelectorAll('div.math')].map((e) => [e.scrollWidth, e.clientWidth])"
     )
     assert len(widths) >= 8
-    assert [(needed, there) for needed, there in widths if needed > there] == []
+    assert [(needed, available) for needed, available in widths if needed > available] == []
 
 
 @pytest.mark.parametrize(("scheme", "width"), [("light", 1280), ("dark", 360)])
-def test_everybody_can_read_the_manual(
+def test_the_manual_is_accessible(
     open_console: Open, client: ServedClient, scheme: Literal["light", "dark"], width: int
 ) -> None:
     for at in ("manual/", "manual/operator/faults.html", "manual/planner/errors.html"):
@@ -80,7 +80,7 @@ def test_everybody_can_read_the_manual(
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), at
 
 
-def opens(page: Page, name: str) -> Page:
+def open_link(page: Page, name: str) -> Page:
     """Click a link and return the tab that opens. The console stays where it is."""
     before = page.url
     link = page.get_by_role("link", name=name).first
@@ -100,24 +100,24 @@ def test_each_screen_opens_its_section_of_the_manual(open_console: Open, client:
     for key, screen in (("1", "scan"), ("2", "result"), ("3", "history"), ("4", "calibration")):
         page.keyboard.press(key)
         expect(page.locator(f'nav a[href="/manual/operator/console.html#{screen}"]')).to_be_visible()
-        opened = opens(page, "Help for this page")
+        opened = open_link(page, "Help for this page")
         assert opened.url.endswith(f"/manual/operator/console.html#{screen}")
         opened.close()
 
 
-def test_help_is_there_before_signing_in(open_console: Open, cell: Cell) -> None:
+def test_help_is_available_before_signing_in(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client).page
-    assert opens(page, "Help with signing in").url.endswith("/manual/operator/console.html#sign-in")
+    assert open_link(page, "Help with signing in").url.endswith("/manual/operator/console.html#sign-in")
 
 
 def test_the_reason_why_the_cell_is_not_ready_has_a_link(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Not connected yet")
-    opened = opens(page, "What to do: not connected")
+    opened = open_link(page, "What to do: not connected")
     assert opened.url.endswith("/manual/operator/faults.html#not-connected")
 
 
-def test_a_fault_and_what_ended_by_it_have_a_link(open_console: Open, cell: Cell) -> None:
+def test_a_fault_and_the_scan_that_it_ended_have_a_link(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     location = cell.live.start()
     cell.live.wait_for_motion(location)
@@ -129,14 +129,14 @@ def test_a_fault_and_what_ended_by_it_have_a_link(open_console: Open, cell: Cell
         expect(link).to_have_attribute("href", "/manual/operator/faults.html#protective-stop")
         expect(link).to_have_attribute("target", "_blank")
     page.keyboard.press("4")
-    opened = opens(page, "What to do: protective stop")
+    opened = open_link(page, "What to do: protective stop")
     expect(opened.get_by_role("heading", name="Protective stop")).to_be_visible()
-    cell.is_well()
+    cell.make_ready()
 
 
 def test_a_refusal_has_a_link(open_console: Open, cell: Cell) -> None:
     opened = open_console(cell.live.client)
-    opened.expect("401")
+    opened.allow_errors("401")
     opened.page.get_by_label("Token").fill("no token of this cell")
     opened.page.get_by_role("button", name="Sign in").click()
     link = opened.page.get_by_role("alert").get_by_role("link", name="What to do: unauthorized")

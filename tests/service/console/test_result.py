@@ -1,4 +1,4 @@
-"""A result in 3D and in words."""
+"""The page of a result: its 3D view and its text."""
 
 import json
 import re
@@ -19,10 +19,10 @@ from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient, wait_until
-from tests.service.console.conftest import Open, drawn, frames
+from tests.service.console.conftest import Open, frame_count, wait_until_drawn
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 POINTS = 100_000
@@ -30,7 +30,7 @@ POINTS = 100_000
 
 @pytest.fixture(scope="module")
 def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
-    """A service with one scan, of a recording of a string that crosses itself."""
+    """A service with one scan, whose string has one crossing."""
     file = tmp_path_factory.mktemp("recording") / "eight.mcap"
     write_simulation(simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=6), file)
     with serve(tmp_path_factory.mktemp("data")) as client:
@@ -40,9 +40,9 @@ def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathF
         yield client
 
 
-def test_what_is_said_is_what_the_model_says(open_console: Open, crossed: ServedClient) -> None:
+def test_the_page_shows_the_values_of_the_model(open_console: Open, crossed: ServedClient) -> None:
     page = open_console(crossed, "#/result").page
-    drawn(page)
+    wait_until_drawn(page)
     model = crossed.get(crossed.get("/api/scans").json()["scans"][0]["links"]["model"]).json()
     (crossing,) = model["crossings"]
     over, under = (f"{crossing[one]['s_m'] * 1000:.0f} mm" for one in ("over", "under"))
@@ -51,42 +51,44 @@ def test_what_is_said_is_what_the_model_says(open_console: Open, crossed: Served
     expect(page.get_by_role("heading", name=f"The best 5 of {len(model['grasps'])} grasps")).to_be_visible()
 
 
-def test_what_was_not_looked_at_is_not_told(open_console: Open, crossed: ServedClient) -> None:
+def test_a_clearance_beyond_the_search_distance_is_shown_as_a_minimum(
+    open_console: Open, crossed: ServedClient
+) -> None:
     opened = open_console(crossed)
     page = opened.page
 
-    def with_one_free(route: Route) -> None:
+    def with_a_distant_obstacle(route: Route) -> None:
         model = json.loads(route.fetch().body())
         model["grasps"][0]["clearance_m"] = MAX_RELEVANT_DISTANCE_M
         model["grasps"][1]["clearance_m"] = MAX_RELEVANT_DISTANCE_M - 0.0001
         route.fulfill(json=model)
 
-    page.route("**/model", with_one_free)
+    page.route("**/model", with_a_distant_obstacle)
     page.keyboard.press("2")
     expect(page.get_by_text(f"clearance {MAX_RELEVANT_DISTANCE_M * 1000:.0f} mm or more")).to_have_count(1)
 
 
 def test_a_point_is_picked_and_read(open_console: Open, crossed: ServedClient) -> None:
     page = open_console(crossed, "#/result").page
-    drawn(page)
-    for layer in ("Labels", "Crossings"):  # which can be picked too
+    wait_until_drawn(page)
+    for layer in ("Labels", "Crossings"):  # these can be picked too
         page.get_by_label(layer, exact=True).uncheck()
     model = crossed.get(crossed.get("/api/scans").json()["scans"][0]["links"]["model"]).json()
     page.get_by_role("button", name="From above").click()
     picked = page.get_by_role("region", name="Selected point")
-    _pick(page, picked)
+    _pick_string(page, picked)
     chain = model["chains"][0]
     index = int(picked.get_by_role("heading").inner_text().rpartition(" ")[2])
-    told = picked.inner_text()
-    assert f"({', '.join(f'{value * 1000:.1f}' for value in chain['points'][index])}) mm" in told
-    assert f"{chain['arc_length_m'][index] * 1000:.1f} mm of" in told
-    assert f"± {chain['sigma_m'][index] * 1000:.2f} mm" in told
+    shown = picked.inner_text()
+    assert f"({', '.join(f'{value * 1000:.1f}' for value in chain['points'][index])}) mm" in shown
+    assert f"{chain['arc_length_m'][index] * 1000:.1f} mm of" in shown
+    assert f"± {chain['sigma_m'][index] * 1000:.2f} mm" in shown
     picked.get_by_role("button", name="Next point").click()
     expect(picked.get_by_role("heading")).to_have_text(f"String 0, point {min(index + 1, len(chain['points']) - 1)}")
 
 
-def _pick(page: Page, picked: Any) -> None:
-    """Clicks along the picture's middle line until a string is met."""
+def _pick_string(page: Page, picked: Any) -> None:
+    """Click along the horizontal centre line of the view until a string is picked."""
     box = page.locator("canvas").bounding_box()
     assert box is not None
     for share in np.linspace(0.5, 0.95, 60):
@@ -94,12 +96,12 @@ def _pick(page: Page, picked: Any) -> None:
             page.mouse.click(box["x"] + box["width"] * x, box["y"] + box["height"] / 2)
             if picked.count():
                 return
-    pytest.fail("no string was met")
+    pytest.fail("no click picked a string")
 
 
 def test_layers_are_shown_and_hidden(open_console: Open, crossed: ServedClient) -> None:
     page = open_console(crossed, "#/result").page
-    drawn(page)
+    wait_until_drawn(page)
     expect(page.locator(".label3d.view")).to_have_count(0)
     page.get_by_label("Cameras").check()
     expect(page.locator(".label3d.view")).to_have_count(6)
@@ -107,33 +109,33 @@ def test_layers_are_shown_and_hidden(open_console: Open, crossed: ServedClient) 
     expect(page.locator(".label3d.view").first).to_be_hidden()
 
 
-def test_a_hundred_thousand_points_are_turned_by_keys(open_console: Open, crossed: ServedClient) -> None:
+def test_a_cloud_of_100000_points_is_rotated_by_keyboard(open_console: Open, crossed: ServedClient) -> None:
     opened = open_console(crossed)
     page = opened.page
     points = np.random.default_rng(1).uniform((0.25, -0.1, 0), (0.45, 0.1, 0.01), (POINTS, 3)).astype("<f4")
     head = f"ply\nformat binary_little_endian 1.0\nelement vertex {POINTS}\n"
     head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
 
-    def many(route: Route) -> None:
+    def fulfil_with_points(route: Route) -> None:
         route.fulfill(body=head.encode() + points.tobytes(), content_type="application/octet-stream")
 
-    page.route("**/cloud.ply", many)
+    page.route("**/cloud.ply", fulfil_with_points)
     page.keyboard.press("2")
     expect(page.locator(f'canvas[data-points="{POINTS}"]')).to_be_visible()
-    drawn(page)
+    wait_until_drawn(page)
     page.locator("canvas").focus()
     for key in ("ArrowLeft", "ArrowUp", "+", "0"):
-        before = frames(page)
+        before = frame_count(page)
         page.keyboard.press(key)
-        wait_until(lambda before=before: frames(page) > before)
-    still = frames(page)
+        wait_until(lambda before=before: frame_count(page) > before)
+    unchanged = frame_count(page)
     page.wait_for_timeout(300)
-    assert frames(page) == still  # nothing is drawn that has not changed
+    assert frame_count(page) == unchanged  # an unchanged view is not drawn again
 
 
 def test_methods_are_compared(open_console: Open, crossed: ServedClient, finished: Finished) -> None:
     page = open_console(crossed, "#/result").page
-    drawn(page)
+    wait_until_drawn(page)
     page.get_by_role("button", name="enhanced: recognise").click()
     expect(page.get_by_role("button", name="enhanced: hide")).to_be_visible()
     row = page.get_by_role("row", name="enhanced")
@@ -148,48 +150,48 @@ def test_methods_are_compared(open_console: Open, crossed: ServedClient, finishe
     expect(row).to_have_count(0)
 
 
-def test_findings_turn_the_view_to_their_place(open_console: Open, crossed: ServedClient) -> None:
-    """As recognition words them: see `tests/recognition` for the words."""
+def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: ServedClient) -> None:
+    """The warning has the form that recognition uses; `tests/recognition` tests that form."""
     opened = open_console(crossed)
     page = opened.page
     where = "at (360, 0, 4) mm"
-    words = f"something of 12 mm {where} is above the table and in no chain"
+    warning = f"something of 12 mm {where} is above the table and in no chain"
 
     def with_finding(route: Route) -> None:
         model = json.loads(route.fetch().body())
-        model["quality"]["warnings"] = [words, "nothing that has a place"]
+        model["quality"]["warnings"] = [warning, "nothing that has a place"]
         route.fulfill(json=model)
 
     page.route("**/model", with_finding)
     page.keyboard.press("2")
-    drawn(page)
+    wait_until_drawn(page)
     expect(page.get_by_text("2 findings to read before you grasp")).to_be_visible()
-    before = frames(page)
+    before = frame_count(page)
     page.get_by_role("button", name="Something of 12 mm").click()
-    wait_until(lambda: frames(page) > before)
+    wait_until(lambda: frame_count(page) > before)
     expect(page.locator(".label3d.marked")).to_be_visible()
 
 
-def test_where_nothing_was_scanned_it_says_so(open_console: Open, serve: Serve, tmp_path: Path) -> None:
+def test_the_page_reports_that_no_scan_has_a_result(open_console: Open, serve: Serve, tmp_path: Path) -> None:
     with without_recognition(serve, tmp_path) as client:
         page = open_console(client, "#/result").page
         expect(page.get_by_text("No scan has a result yet")).to_be_visible()
-        page.close()  # before its service goes
+        page.close()  # before its service ends
 
 
-def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: Open, crossed: ServedClient) -> None:
+def test_the_page_explains_why_no_string_was_found(open_console: Open, crossed: ServedClient) -> None:
     opened = open_console(crossed)
     page = opened.page
-    why = "no string of radius 15.0 mm found: nothing above the table is long, round and about as thick"
+    warning = "no string of radius 15.0 mm found: nothing above the table is long, round and about as thick"
 
     def without_strings(route: Route) -> None:
-        told = json.loads(route.fetch().body())
-        if "chains" in told:
-            told |= {"chains": [], "crossings": [], "grasps": []}
-            told["quality"] |= {"warnings": [why], "ambiguities": []}
+        document = json.loads(route.fetch().body())
+        if "chains" in document:
+            document |= {"chains": [], "crossings": [], "grasps": []}
+            document["quality"] |= {"warnings": [warning], "ambiguities": []}
         else:
-            told |= {"string_radius_m": 0.015, "summary": told["summary"] | {"chains": 0, "crossings": 0}}
-        route.fulfill(json=told)
+            document |= {"string_radius_m": 0.015, "summary": document["summary"] | {"chains": 0, "crossings": 0}}
+        route.fulfill(json=document)
 
     page.route(re.compile(r"/api/scans/[^/?]+(/model)?$"), without_strings)
     page.keyboard.press("2")
@@ -201,22 +203,22 @@ def test_where_no_string_was_found_it_says_why_and_offers_nothing(open_console: 
     expect(page.get_by_label("Strings", exact=True)).to_have_count(0)
 
 
-def test_the_newest_result_is_shown_though_later_scans_have_none(
+def test_the_newest_result_is_shown_when_later_scans_have_none(
     open_console: Open, serve: Serve, crossed: ServedClient, finished: Finished, tmp_path: Path
 ) -> None:
     recording = crossed.get(crossed.get("/api/recordings").json()["recordings"][0]["links"]["file"]).content
     with serve(tmp_path) as client:
         sent = client.post("/api/recordings", content=recording).json()["id"]
-        asked = {"mode": "replay", "recording": sent}
-        done = finished(client, client.post("/api/scans", json=asked).headers["Location"])
+        request = {"mode": "replay", "recording": sent}
+        done = finished(client, client.post("/api/scans", json=request).headers["Location"])
         store = client.app.state.context.store
         later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
         store.scans.add(later)
         store.scans.end(later.id, "failed", Failure("robot-lost", "the robot was lost"))
         page = open_console(client, "#/result").page
-        drawn(page)
+        wait_until_drawn(page)
         assert page.url.endswith(done["id"])
         expect(page.get_by_text("This is an earlier scan.")).to_be_visible()
         page.keyboard.press("1")
         expect(page.get_by_role("region", name="The last scan")).to_contain_text("0 views were recorded")
-        page.close()  # before its service goes
+        page.close()  # before its service ends

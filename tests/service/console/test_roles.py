@@ -1,4 +1,4 @@
-"""Signing in, and what each role is shown."""
+"""Signing in, and the controls that each role sees."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,17 +10,17 @@ from playwright.sync_api import expect
 from service.security.auth.tokens import add_token, remove_token
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 SCAN = "Scan: the arm will move"
 
 
-def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: Cell) -> None:
+def test_a_token_is_entered_once_and_hidden_from_scripts(open_console: Open, cell: Cell) -> None:
     opened = open_console(cell.live.client)
     page = opened.page
-    opened.expect("401")  # the wrong token, and the stop of nobody
+    opened.allow_errors("401")  # the wrong token, and the stop of a caller who is not signed in
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
     page.get_by_role("button", name="STOP the arm").click()
     expect(page.locator("#stop-message")).to_contain_text("NOT STOPPED: nobody is signed in here")
@@ -30,7 +30,7 @@ def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: C
     page.get_by_label("Token").fill(add_token(cell.data, "anna", "operator"))
     page.keyboard.press("Enter")
     expect(page.get_by_text("anna, operator: can scan")).to_be_visible()
-    expect(page.locator("#stop-message")).to_be_empty()  # somebody is, now
+    expect(page.locator("#stop-message")).to_be_empty()  # a person is signed in now
     assert page.evaluate("() => document.cookie") == ""
     page.reload()
     expect(page.get_by_text("anna, operator: can scan")).to_be_visible()
@@ -38,9 +38,9 @@ def test_a_token_is_given_once_and_kept_from_scripts(open_console: Open, cell: C
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
 
 
-def test_signing_out_ends_it(open_console: Open, cell: Cell) -> None:
+def test_signing_out_ends_the_session(open_console: Open, cell: Cell) -> None:
     opened = open_console(cell.live.client, token=cell.tokens["viewer"])
-    opened.expect("401")  # what the page was asking for just then
+    opened.allow_errors("401")  # requests that were pending
     page = opened.page
     page.get_by_role("button", name="Sign out").click()
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
@@ -48,7 +48,7 @@ def test_signing_out_ends_it(open_console: Open, cell: Cell) -> None:
     expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
 
 
-def test_each_role_is_shown_what_it_may(open_console: Open, cell: Cell) -> None:
+def test_each_role_sees_only_its_permitted_actions(open_console: Open, cell: Cell) -> None:
     viewer = open_console(cell.live.client, token=cell.tokens["viewer"]).page
     operator = open_console(cell.live.client, token=cell.tokens["operator"]).page
     expect(viewer.get_by_text("Only operators start scans")).to_be_visible()
@@ -69,4 +69,4 @@ def test_a_viewer_may_stop(open_console: Open, cell: Cell, finished: Finished) -
     expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
     assert not cell.live.moving()
     assert finished(cell.live.client, location)["state"] == "aborted"
-    cell.is_well()
+    cell.make_ready()

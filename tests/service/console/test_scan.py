@@ -1,4 +1,4 @@
-"""From the first visit to a finished scan, by the cell and from a recording."""
+"""The page of a scan: live scans, scans of a recording and checked input."""
 
 import re
 from pathlib import Path
@@ -7,42 +7,42 @@ import pytest
 from playwright.sync_api import expect
 
 from tests.service.conftest import ServedClient
-from tests.service.console.conftest import Cell, Open, drawn
+from tests.service.console.conftest import Cell, Open, wait_until_drawn
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 
-def test_first_visit_to_a_finished_scan(open_console: Open, cell: Cell) -> None:
+def test_a_live_scan_from_first_visit_to_result(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()  # before anything moves
     page.get_by_role("button", name="What is: String radius").click()
     expect(page.get_by_text("Half of the string's thickness")).to_be_visible()
     page.get_by_label("String radius, in mm", exact=True).fill("4.2")
     page.get_by_role("button", name="Scan: the arm will move").click()
-    under_way = page.get_by_role("region", name="Scan in progress")
-    expect(under_way).to_contain_text(re.compile(r"Recording view \d of 8"))
+    progress = page.get_by_role("region", name="Scan in progress")
+    expect(progress).to_contain_text(re.compile(r"Recording view \d of 8"))
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Working")
-    expect(under_way.get_by_role("img").first).to_be_visible()  # while the arm moves on
+    expect(progress.get_by_role("img").first).to_be_visible()  # while the arm moves to the next viewpoint
     last = page.get_by_role("region", name="The last scan")
     expect(last).to_contain_text("Done")
     expect(last).to_contain_text("1 string, 1 crossing")
-    taken = last.get_by_role("img")
-    expect(taken).to_have_count(8)
-    assert all(width > 100 for width in taken.evaluate_all("all => all.map((one) => one.naturalWidth)"))
+    images = last.get_by_role("img")
+    expect(images).to_have_count(8)
+    assert all(width > 100 for width in images.evaluate_all("all => all.map((one) => one.naturalWidth)"))
     last.get_by_role("link", name="Look at the result").click()
     expect(page.get_by_role("heading", name="1 string, 1 crossing")).to_be_visible()
-    drawn(page)
+    wait_until_drawn(page)
 
 
-def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open, client: ServedClient) -> None:
+def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     scan = page.get_by_role("button", name="Scan: the arm will move")
     radius = page.get_by_label("String radius, in mm", exact=True)
     low_m, high_m = client.get("/api/cell/geometry").json()["scan"]["string_radius_range_m"]
     refused = page.get_by_text(f"Enter a number from {low_m * 1000:g} to {high_m * 1000:g} mm")
     expect(scan).to_be_enabled()
-    for written in ("420", "1,2,3", "0", "four", "-4"):
-        radius.fill(written)
+    for text in ("420", "1,2,3", "0", "four", "-4"):
+        radius.fill(text)
         expect(refused).to_be_visible()
         expect(scan).to_be_disabled()
     radius.fill("")
@@ -53,21 +53,19 @@ def test_a_number_that_cannot_be_is_told_where_it_is_written(open_console: Open,
     expect(scan).to_be_disabled()
 
 
-def test_a_radius_is_written_with_a_comma_or_a_point(
-    open_console: Open, client: ServedClient, recording_file: Path
-) -> None:
+def test_a_radius_may_have_a_decimal_comma(open_console: Open, client: ServedClient, recording_file: Path) -> None:
     client.post("/api/recordings", content=recording_file.read_bytes())
     page = open_console(client).page
     page.get_by_label("A recording of an earlier scan").check()
     page.get_by_label("Recording", exact=True).select_option(index=1)
     page.get_by_label("String radius, in mm", exact=True).fill("4,2")
     page.keyboard.press("Tab")
-    page.keyboard.press("2")  # what was filled in is kept
+    page.keyboard.press("2")  # the input is kept
     page.keyboard.press("1")
     expect(page.get_by_label("String radius, in mm", exact=True)).to_have_value("4,2")
-    with page.expect_request("**/api/scans") as asked:
+    with page.expect_request("**/api/scans") as request:
         page.get_by_role("button", name="Recognise the recording").click()
-    sent = asked.value.post_data_json or {}
+    sent = request.value.post_data_json or {}
     assert sent["string_radius_m"] == pytest.approx(0.0042)
     expect(page.get_by_role("region", name="The last scan")).to_contain_text("1 string, 0 crossings")
 
@@ -78,7 +76,7 @@ def test_a_scan_is_cancelled(open_console: Open, cell: Cell) -> None:
     page.get_by_role("button", name="Cancel this scan").click()
     expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
     assert not cell.live.moving()
-    cell.is_well()
+    cell.make_ready()
 
 
 def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedClient, recording_file: Path) -> None:
@@ -94,12 +92,14 @@ def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedC
     last = page.get_by_role("region", name="The last scan")
     expect(last).to_contain_text("1 string, 0 crossings")
     last.get_by_role("link", name="Look at the result").click()
-    drawn(page)
+    wait_until_drawn(page)
 
 
-def test_what_is_no_recording_is_told_in_words(open_console: Open, client: ServedClient, tmp_path: Path) -> None:
+def test_an_invalid_recording_is_refused_with_a_message(
+    open_console: Open, client: ServedClient, tmp_path: Path
+) -> None:
     opened = open_console(client)
-    opened.expect("422")
+    opened.allow_errors("422")
     page = opened.page
     wrong = tmp_path / "wrong.mcap"
     wrong.write_bytes(b"no recording at all")

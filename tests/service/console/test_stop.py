@@ -1,4 +1,4 @@
-"""Stopping the arm by the page."""
+"""A person stops the arm on the page."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,20 +9,20 @@ from playwright.sync_api import Route, expect
 
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
-@pytest.mark.parametrize("way", ["button", "keys"])
-def test_stop_in_the_middle_of_a_move(open_console: Open, cell: Cell, finished: Finished, way: str) -> None:
+@pytest.mark.parametrize("control", ["button", "keys"])
+def test_stop_during_a_move(open_console: Open, cell: Cell, finished: Finished, control: str) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     page.get_by_role("button", name="Scan: the arm will move").click()
     expect(page.get_by_text("Recording view", exact=False)).to_be_visible()
     location = cell.live.client.get("/api/scans?limit=1").json()["scans"][0]["links"]["self"]
     cell.live.wait_for_motion(location)
-    page.keyboard.press("3")  # from whichever screen
-    if way == "button":
+    page.keyboard.press("3")  # the stop works on every screen
+    if control == "button":
         page.get_by_role("button", name="STOP the arm").click()
     else:
         page.keyboard.press("Control+.")
@@ -31,12 +31,12 @@ def test_stop_in_the_middle_of_a_move(open_console: Open, cell: Cell, finished: 
     assert finished(cell.live.client, location)["state"] == "aborted"
     page.keyboard.press("1")
     expect(page.get_by_role("region", name="The last scan").get_by_text("Stopped", exact=False).first).to_be_visible()
-    cell.is_well()
+    cell.make_ready()
 
 
-def test_stop_does_not_wait_for_what_the_page_is_loading(open_console: Open, cell: Cell) -> None:
-    """A browser has six connections to a service; here the page's requests get no answer."""
-    cell.is_well()
+def test_stop_does_not_wait_for_pending_requests(open_console: Open, cell: Cell) -> None:
+    """The page's requests get no answer, and a browser opens at most six connections to a service."""
+    cell.make_ready()
     opened = open_console(cell.live.client, token=cell.tokens["operator"])
     page = opened.page
     expect(page.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
@@ -46,7 +46,7 @@ def test_stop_does_not_wait_for_what_the_page_is_loading(open_console: Open, cel
     )
     for screen in ("3", "4", "1"):
         page.keyboard.press(screen)
-        page.wait_for_timeout(100)  # for the screen to ask
+        page.wait_for_timeout(100)  # for the requests of the screen
     while len(held) < 3:
         page.wait_for_timeout(50)
     page.get_by_role("button", name="STOP the arm").click()
@@ -54,21 +54,21 @@ def test_stop_does_not_wait_for_what_the_page_is_loading(open_console: Open, cel
     page.unroute_all(behavior="ignoreErrors")
 
 
-def test_a_stop_that_does_not_get_through_says_so(open_console: Open, cell: Cell) -> None:
+def test_a_stop_that_does_not_get_through_is_reported(open_console: Open, cell: Cell) -> None:
     opened = open_console(cell.live.client, token=cell.tokens["operator"])
-    opened.expect("ERR_FAILED")
+    opened.allow_errors("ERR_FAILED")
     page = opened.page
     expect(page.get_by_role("banner").get_by_role("status")).to_be_visible()
-    tries: list[str] = []
+    attempts: list[str] = []
 
     def refuse(route: Route) -> None:
-        tries.append(route.request.url)
+        attempts.append(route.request.url)
         route.abort()
 
     page.route("**/api/cell/stop", refuse)
     page.get_by_role("button", name="STOP the arm").click()
     expect(page.locator("#stop-message")).to_contain_text("STOP HAS NOT GOT THROUGH YET")
-    while len(tries) < 3:
+    while len(attempts) < 3:
         page.wait_for_timeout(100)
     page.unroute_all()
-    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")  # of the same press
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")  # the repeated request

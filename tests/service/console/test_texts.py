@@ -1,4 +1,4 @@
-"""The catalogue of the console's texts: it is complete, and a second language is one more file."""
+"""The catalogue of the console's texts is complete, and another language needs only another catalogue."""
 
 import json
 import re
@@ -15,9 +15,9 @@ from playwright.sync_api import Page, Response, expect
 
 from service.api.routes.console import BUILT
 from tests.service.conftest import ServedClient
-from tests.service.console.conftest import Cell, Open, drawn
+from tests.service.console.conftest import Cell, Open, wait_until_drawn
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
@@ -56,12 +56,14 @@ def pseudo(node: Any) -> Any:
 
 
 def texts_of(node: Any, key: str = "") -> dict[str, str]:
+    """Return the texts of a catalogue by their keys, such as `.history.title`."""
     if isinstance(node, str):
         return {key: node}
     return {inner: text for name, value in node.items() for inner, text in texts_of(value, f"{key}.{name}").items()}
 
 
 def run_node(script: str, folder: Path) -> str:
+    """Run a script with Node.js and return its output."""
     return subprocess.run([NODE, script], cwd=folder, check=True, capture_output=True, text=True).stdout
 
 
@@ -129,7 +131,7 @@ def serve_files(page: Page, copied: Path) -> None:
 
 
 class ServiceTexts:
-    """The strings in the answers of the service: the catalogue does not contain them."""
+    """The strings in the answers of the service, which the catalogue does not contain."""
 
     def __init__(self, page: Page) -> None:
         self.known: set[str] = set()
@@ -147,10 +149,12 @@ class ServiceTexts:
 
 
 def plain(text: str) -> str:
+    """Return a text in lower case, without backquotes and surrounding punctuation."""
     return re.sub(r"^[^a-z]+|[^a-z0-9]+$", "", text.lower().replace("`", ""))
 
 
 def texts_of_json(node: Any) -> set[str]:
+    """Return all strings in a JSON value."""
     if isinstance(node, str):
         return {node}
     values = node.values() if isinstance(node, dict) else node if isinstance(node, list) else []
@@ -183,7 +187,7 @@ def test_another_catalogue_translates_every_screen(
     expect(page.get_by_label(wide("Recording"), exact=True).locator("option").nth(1)).to_be_attached()
     assert service.untranslated(page) == set()
     page.get_by_role("link", name=wide("Result")).first.click()
-    drawn(page)
+    wait_until_drawn(page)
     for box in page.get_by_role("checkbox").all():
         box.check()
     page.get_by_role("button", name=wide("String 0")).first.click()
@@ -202,7 +206,7 @@ def test_another_catalogue_translates_a_problem_with_its_parameters(
 ) -> None:
     missing = "20260131t120000-000000-9f86d081"
     opened = open_console(client, locale="de-DE")
-    opened.expect("404")
+    opened.allow_errors("404")
     serve_files(opened.page, copied)
     opened.page.evaluate(f"location.hash = '#/result/{missing}'")
     expect(opened.page.get_by_role("main")).to_contain_text(wide("No such scan"))
@@ -211,7 +215,7 @@ def test_another_catalogue_translates_a_problem_with_its_parameters(
 
 def test_another_catalogue_translates_signing_in_and_the_stop(open_console: Open, cell: Cell, copied: Path) -> None:
     opened = open_console(cell.live.client, locale="de-DE")
-    opened.expect("401")  # the stop of a caller who is not signed in
+    opened.allow_errors("401")  # the stop of a caller who is not signed in
     page = opened.page
     service = ServiceTexts(page)
     serve_files(page, copied)

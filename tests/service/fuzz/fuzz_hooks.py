@@ -1,4 +1,4 @@
-"""What schemathesis has to know of the service, besides its description; loaded by schemathesis, in its own process."""
+"""Hooks and checks that schemathesis loads in its own process, in addition to the description of the service."""
 
 import json
 import os
@@ -12,12 +12,12 @@ from service.problems.document import MEDIA_TYPE
 from service.problems.problem_types import PROBLEM_TYPES
 
 RECORDING = "FUZZ_RECORDING"
-"""Variable that names a recording that can be used."""
+"""Environment variable with the path of a valid recording."""
 
 KNOWN = {slug for slug, kind in PROBLEM_TYPES.items() if kind.status is not None}
 """Slugs of all problems."""
 
-# A hundred random bytes are never a recording.
+# Random bytes are never a valid recording, so a real one is added.
 schemathesis.openapi.media_type(
     "application/octet-stream", st.sampled_from([Path(os.environ[RECORDING]).read_bytes()]) | st.binary()
 )
@@ -25,7 +25,7 @@ schemathesis.openapi.media_type(
 
 @schemathesis.hook
 def before_load_schema(context: schemathesis.HookContext, raw_schema: Any) -> None:
-    """Here are tokens: nobody is let in without."""
+    """Require a token for each operation: this service has tokens."""
     for item in raw_schema["paths"].values():
         for operation in item.values():
             if "security" in operation:
@@ -42,7 +42,7 @@ def filter_failure(
     """
     match type(failure).__name__:
         case "RejectedPositiveData":
-            # This one type alone says that the request is not as described.
+            # Only this problem type means that the request does not match the description.
             return slug(response) in (None, "invalid-request")
         case "ServerError":
             described = str(response.status_code) in case.operation.definition.raw["responses"]
@@ -52,7 +52,7 @@ def filter_failure(
 
 @schemathesis.check
 def problem_is_known(ctx: schemathesis.CheckContext, response: schemathesis.Response, case: schemathesis.Case) -> None:
-    """Every answer that is no success is a problem of a type that we know."""
+    """Check that every error response is a problem of a known type."""
     if response.status_code < 400:
         return
     problem = json.loads(response.content)
@@ -64,7 +64,7 @@ def problem_is_known(ctx: schemathesis.CheckContext, response: schemathesis.Resp
 
 
 def slug(response: schemathesis.Response) -> str | None:
-    """The problem's; None: it is none."""
+    """Return the slug of the problem; None if the response is not a problem."""
     try:
         return json.loads(response.content)["type"].removeprefix("urn:pointchain:")
     except (ValueError, KeyError, TypeError, AttributeError):
