@@ -1,4 +1,4 @@
-"""What the store says from moment to moment, and whether it may say that behind what it said before."""
+"""A record of the store's successive states that checks each change against the documented rules."""
 
 import json
 import sqlite3
@@ -20,35 +20,36 @@ NEXT: dict[str, tuple[str, ...]] = {
     "processing": ("succeeded", "partial", *ENDS),
     "stopping": ("failed", "aborted", "interrupted"),
 }
-"""The states that may follow a state; none follows a final one."""
+"""The states that may follow each state. A final state has none."""
 SCANS = "SELECT id, mode, state, stage, fraction, started_at, ended_at, summary, failure, recording, kept FROM scans"
 
 
 class Journal:
-    """Of one data folder, over restarts of its service."""
+    """The checked history of one data folder, across restarts of its service."""
 
     def __init__(self, data: Path) -> None:
         self._data = data
         self.scans: dict[str, dict[str, Any]] = {}
-        """By id, as last seen."""
+        """Rows of the scans by id, as last read."""
         self._states: dict[str, str] = {}
-        """The last state that an event told of."""
+        """The last state of each scan that an event reported."""
         self._views: dict[tuple[str, int], ViewRow] = {}
-        """All acknowledged ones."""
+        """All acknowledged views, by scan and view."""
         self._newest = 0
+        """Id of the last event read."""
 
     @property
     def active(self) -> list[str]:
-        """The scans that have not ended, as last seen."""
+        """Ids of the scans that had not ended when last read."""
         return [key for key, scan in self.scans.items() if scan["state"] in ACTIVE_STATES]
 
     @property
     def ended(self) -> list[str]:
-        """Those that have."""
+        """Ids of the scans that had ended when last read."""
         return [key for key, scan in self.scans.items() if scan["state"] not in ACTIVE_STATES]
 
-    def look(self, removing: bool = False) -> None:
-        """Reads what is new, all of one moment, and checks it. `removing`: old scans may be gone since."""
+    def update(self, removing: bool = False) -> None:
+        """Read the store in one transaction and check all changes. With `removing`, old scans may be missing."""
         with closing(sqlite3.connect(f"file:{self._data / DATABASE}?mode=ro", uri=True)) as db:
             db.row_factory = sqlite3.Row
             db.execute("BEGIN")
@@ -59,18 +60,18 @@ class Journal:
         self._check_events(events, removing)
         for key, scan in scans.items():
             assert self._states[key] == scan["state"], (
-                f"scan {key} is {scan['state']}, by its events {self._states[key]}"
+                f"scan {key} is {scan['state']}, but {self._states[key]} by its events"
             )
         self.scans = scans
         self._check_views(views)
 
     def event_ids(self, scan: str) -> list[int]:
-        """Of all events of a scan."""
+        """Return the ids of all events of a scan, in order."""
         with closing(sqlite3.connect(f"file:{self._data / DATABASE}?mode=ro", uri=True)) as db:
             return [row[0] for row in db.execute("SELECT id FROM events WHERE scan = ? ORDER BY id", (scan,))]
 
     def check_files(self) -> None:
-        """Every view that was ever acknowledged is on the disk, with its bytes."""
+        """Check that every acknowledged view is on the disk, byte for byte."""
         for scan in {view.scan for view in self._views.values()}:
             self._check_file([view for view in self._views.values() if view.scan == scan])
 
@@ -78,22 +79,24 @@ class Journal:
         for key, before in self.scans.items():
             now = scans.get(key)
             if now is None:
-                assert removing, f"scan {key} is gone"
-                assert not before["kept"], f"scan {key} was to be kept"
+                assert removing, f"scan {key} is missing"
+                assert not before["kept"], f"protected scan {key} was removed"
                 del self._states[key]
                 self._views = {of: view for of, view in self._views.items() if of[0] != key}
             elif before["state"] not in ACTIVE_STATES:
                 same = {name: before[name] for name in before if name != "kept"}
-                # A live scan's recording may be read only when the disk lets it; from then on it stays.
+                # On a full disk, a live scan's recording may be added later. After that it must not change.
                 if before["recording"] is None:
                     del same["recording"]
-                assert same.items() <= now.items(), f"scan {key} had ended as {before}, and is {now}"
+                assert same.items() <= now.items(), f"scan {key} changed after its end: from {before} to {now}"
         active = [key for key, scan in scans.items() if scan["state"] in ACTIVE_STATES]
-        assert len(active) <= 1, f"more than one scan is under way: {active}"
+        assert len(active) <= 1, f"more than one scan is active: {active}"
 
     def _check_events(self, events: list[sqlite3.Row], removing: bool) -> None:
         for event in events:
-            assert removing or event["id"] == self._newest + 1, f"no event between {self._newest} and {event['id']}"
+            assert removing or event["id"] == self._newest + 1, (
+                f"missing events between {self._newest} and {event['id']}"
+            )
             self._newest = event["id"]
             last, data = self._states.get(event["scan"]), json.loads(event["data"])
             if event["kind"] == "state" and last != data["state"]:
@@ -101,16 +104,16 @@ class Journal:
                 assert data["state"] in may_follow, f"scan {event['scan']} went from {last} to {data['state']}"
                 self._states[event["scan"]] = data["state"]
             else:
-                assert last in NEXT, f"scan {event['scan']} is {last}, and an event tells of {event['kind']} {data}"
+                assert last in NEXT, f"scan {event['scan']} is {last}, but has the event {event['kind']} {data}"
 
     def _check_views(self, views: list[ViewRow]) -> None:
         now = {(view.scan, view.view): view for view in acknowledged_views(views)}
         for key, view in self._views.items():
-            assert now.get(key) == view, f"view {key} was acknowledged as {view}, and is {now.get(key)}"
+            assert now.get(key) == view, f"acknowledged view {key} changed from {view} to {now.get(key)}"
         for key in now.keys() - self._views.keys():
             self._check_file([now[key]])
         self._views = now
 
     def _check_file(self, views: list[ViewRow]) -> None:
         _, lost = find_lost_views(self._data / "recordings" / f"{views[0].scan}.mcap", views)
-        assert not lost, f"acknowledged, and not on the disk: {lost}"
+        assert not lost, f"acknowledged views are not on the disk: {lost}"

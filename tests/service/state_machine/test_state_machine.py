@@ -1,7 +1,8 @@
-"""Whatever is asked of the service in whatever order, and whatever fails meanwhile: nothing but what is promised.
+"""The service keeps its promises under random requests while robot, camera, recognition and database fail.
 
-After each step: only the states and transitions that are documented, events without a gap, one scan at a time, an end
-that stays, no acknowledged view lost, no motion that nobody asked for, and only answers as described.
+After each step, the test checks: documented states and transitions only, events without a gap, one scan at a time,
+final states that do not change, no loss of an acknowledged view, no motion without a request, and only answers that
+match the description of the API.
 """
 
 import os
@@ -31,10 +32,10 @@ from tests.service.state_machine.world import World
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
 
 PICK = st.integers(0, 1 << 16)
-"""One of as many as there are at that moment: what hypothesis draws must not depend on the service."""
+"""Selects one of the present items. The values that hypothesis draws must not depend on the service."""
 RESTART_AFTER = 15
-"""Steps: a start takes as long as many of them."""
-CELL_REFUSES = {
+"""Minimum number of steps between two restarts: a restart takes as long as many steps."""
+CELL_REFUSALS = {
     "cell-busy", "acknowledge-required", "robot-not-ready", "robot-unreachable", "robot-lost", "camera-unreachable",
     "camera-lost", "protective-stop", "viewpoints-unreachable", "stopped", "motion-failed",
 }  # fmt: skip
@@ -45,17 +46,20 @@ Method = TypeVar("Method", bound=Callable[..., None])
 
 
 def step(**arguments: st.SearchStrategy[Any]) -> Callable[[Method], Method]:
-    """Of the machine. Not hypothesis' rules: of those, one run has but some, and here each run is dear."""
+    """Register a method as a step.
 
-    def is_step(method: Method) -> Method:
+    Steps are not rules of hypothesis: one run uses only some of the rules, and runs are expensive here.
+    """
+
+    def register(method: Method) -> Method:
         STEPS.append(st.tuples(st.just(method.__name__), st.fixed_dictionaries(arguments)))
         return method
 
-    return is_step
+    return register
 
 
 class ServiceMachine(RuleBasedStateMachine):
-    """What people, planners and bad luck do."""
+    """Requests of people and planners, and faults, in random order."""
 
     world: World
     recording: bytes
@@ -65,39 +69,40 @@ class ServiceMachine(RuleBasedStateMachine):
         self.journal = self.world.journal
         self.recordings: list[str] = []
         self.keys: dict[str, tuple[dict[str, Any], str]] = {}
-        """Those used, with the body and the scan that it started."""
+        """Used idempotency keys, each with the body of its request and the scan that it started."""
         self.since_start = 0
+        """Steps since the last start of the service."""
 
     @initialize()
-    def begin(self) -> None:
-        """Whatever has happened before: once somebody has seen to the cell, it scans."""
+    def prepare(self) -> None:
+        """Recover the cell from earlier examples and complete a scan."""
         self.world.settle()
-        wait_until(self.put_right)
-        # Whose program somebody has just ended at the pendant finds that out in a moment; this is sooner.
+        wait_until(self.recover)
+        # The arm notices an ended program only after a moment. Releasing it is faster.
         assert self.call("POST", "/api/cell/release").status_code == 200
         assert self.call("POST", "/api/cell/connect").status_code == 200
-        self.scan_to_its_end(views=3)
+        self.complete_scan(views=3)
         scan = self.journal.scans[max(self.journal.scans)]
         assert scan["state"] in ("succeeded", "partial"), scan
         self.recordings.append(scan["recording"])
 
     @rule(step=st.deferred(lambda: st.one_of(STEPS)))
-    def take(self, step: tuple[str, dict[str, Any]]) -> None:
-        """One of the steps below."""
+    def take_step(self, step: tuple[str, dict[str, Any]]) -> None:
+        """Take one of the registered steps."""
         self.world.steps += 1
         name, arguments = step
         getattr(self, name)(**arguments)
 
     @step()
     def wait(self) -> None:
-        """The first is the simplest to hypothesis, whose first example is made of nothing else."""
+        """Wait. This step is registered first: hypothesis builds its simplest example from the first step only."""
         self.world.settle()
 
-    # What planners and people ask for.
+    # Requests of planners and people
 
     @step()
     def upload(self) -> None:
-        """A recording."""
+        """Upload a recording."""
         answer = self.call("POST", "/api/recordings", content=self.recording)
         assert answer.status_code == 201
         self.recordings.append(answer.json()["id"])
@@ -114,17 +119,17 @@ class ServiceMachine(RuleBasedStateMachine):
     def start_live(self, views: int, keyed: bool) -> None:
         fault = self.world.state == "fault"
         refusal = self.start(SCAN | {"views": views}, keyed)
-        assert refusal is None or refusal in CELL_REFUSES, refusal
+        assert refusal is None or refusal in CELL_REFUSALS, refusal
         if fault:
             assert refusal in ("acknowledge-required", "cell-busy"), refusal
 
     @step(views=st.integers(2, 3))
-    def scan_to_its_end(self, views: int) -> None:
+    def complete_scan(self, views: int) -> None:
         self.start_live(views, keyed=False)
         self.world.settle()
 
     def start(self, body: dict[str, Any], keyed: bool) -> str | None:
-        """The slug of the refusal; None: it was accepted."""
+        """Request a scan and return the slug of the refusal; None if it was accepted."""
         key = str(uuid.uuid4()) if keyed else None
         answer = self.world.start_scan(body, key)
         if answer.status_code != 202:
@@ -137,9 +142,9 @@ class ServiceMachine(RuleBasedStateMachine):
         return None
 
     @step(pick=PICK, other=st.booleans())
-    def send_it_again(self, pick: int, other: bool) -> None:
-        # A key goes with its scan.
-        key = picked([key for key, (_, scan) in self.keys.items() if scan in self.journal.scans], pick)
+    def repeat_request(self, pick: int, other: bool) -> None:
+        # The key of a removed scan is removed too.
+        key = pick_one([key for key, (_, scan) in self.keys.items() if scan in self.journal.scans], pick)
         if key is None:
             return
         body, scan = self.keys[key]
@@ -153,8 +158,8 @@ class ServiceMachine(RuleBasedStateMachine):
 
     @step(pick=PICK)
     def cancel(self, pick: int) -> None:
-        # The one under way, if there is one: it is the one that people would cancel.
-        scan = picked(self.journal.active or self.journal.ended, pick)
+        # People cancel the active scan if there is one.
+        scan = pick_one(self.journal.active or self.journal.ended, pick)
         if scan is not None:
             self.world.cancel(scan)
 
@@ -164,25 +169,25 @@ class ServiceMachine(RuleBasedStateMachine):
 
     @step()
     def connect(self) -> None:
-        self.expect("POST", "/api/cell/connect", CELL_REFUSES)
+        self.expect("POST", "/api/cell/connect", CELL_REFUSALS)
 
     @step()
     def release(self) -> None:
-        self.expect("POST", "/api/cell/release", CELL_REFUSES)
+        self.expect("POST", "/api/cell/release", CELL_REFUSALS)
 
     @step()
     def acknowledge(self) -> None:
-        self.expect("POST", "/api/cell/acknowledge", CELL_REFUSES | {"no-fault", "too-early", "emergency-stop"})
+        self.expect("POST", "/api/cell/acknowledge", CELL_REFUSALS | {"no-fault", "too-early", "emergency-stop"})
 
     @step(pick=PICK, kept=st.booleans())
     def keep(self, pick: int, kept: bool) -> None:
-        scan = picked(self.journal.ended, pick)
+        scan = pick_one(self.journal.ended, pick)
         if scan is not None:
             assert self.call("PUT", f"/api/scans/{scan}/keep", json={"kept": kept}).json()["kept"] == kept
 
     @step(pick=PICK)
     def reprocess(self, pick: int) -> None:
-        scan = picked(self.journal.ended, pick)
+        scan = pick_one(self.journal.ended, pick)
         if scan is None:
             return
         recorded = self.journal.scans[scan]["recording"] is not None
@@ -190,21 +195,21 @@ class ServiceMachine(RuleBasedStateMachine):
         assert slug(answer) in ((None, "cell-busy") if recorded else ("no-result", "cell-busy"))
 
     @step(limit=st.integers(1, 5), mode=st.sampled_from(["live", "replay", None]))
-    def look_through_the_list(self, limit: int, mode: str | None) -> None:
+    def list_scans(self, limit: int, mode: str | None) -> None:
         page, found = f"/api/scans?limit={limit}" + (f"&mode={mode}" if mode else ""), []
         while page:
             document = self.call("GET", page).json()
             assert len(document["scans"]) <= limit
             found += [scan["id"] for scan in document["scans"]]
             page = document["next"]
-        self.journal.look()
-        wanted = [key for key, scan in self.journal.scans.items() if mode in (None, scan["mode"])]
-        assert found == sorted(wanted, reverse=True)
+        self.journal.update()
+        expected = [key for key, scan in self.journal.scans.items() if mode in (None, scan["mode"])]
+        assert found == sorted(expected, reverse=True)
 
     @step(pick=PICK, share=st.floats(0, 1))
-    def follow_its_events(self, pick: int, share: float) -> None:
-        """To the end; then once more, from somewhere on."""
-        scan = picked(self.journal.active or self.journal.ended, pick)
+    def follow_events(self, pick: int, share: float) -> None:
+        """Follow the events to the end, then again from a random event."""
+        scan = pick_one(self.journal.active or self.journal.ended, pick)
         if scan is None:
             return
         path = f"/api/scans/{scan}/events"
@@ -217,24 +222,24 @@ class ServiceMachine(RuleBasedStateMachine):
             assert told(self.world.client, path, from_here.id) == every[every.index(from_here) + 1 :]
 
     @step(pick=PICK)
-    def fetch_the_model(self, pick: int) -> None:
-        scan = picked(self.journal.ended, pick)
+    def fetch_model(self, pick: int) -> None:
+        scan = pick_one(self.journal.ended, pick)
         if scan is not None:
             done = self.journal.scans[scan]["state"] in ("succeeded", "partial")
             assert slug(self.call("GET", f"/api/scans/{scan}/model")) == (None if done else "no-result")
 
-    # What goes wrong.
+    # Faults
 
     @step(fault=st.sampled_from(["protective_stop", "drop", "freeze", "local_mode", "foreign_program"]))
     def robot_fails(self, fault: str) -> None:
         self.world.robot(fault)
 
     @step()
-    def somebody_sees_to_the_cell(self) -> None:
-        self.put_right()
+    def person_recovers_cell(self) -> None:
+        self.recover()
 
-    def put_right(self) -> bool:
-        """Whether the cell has no fault now: it may be too early to acknowledge it."""
+    def recover(self) -> bool:
+        """Reset robot and camera and acknowledge a fault. Return whether the cell has no fault: it may be too early."""
         self.world.robot("reset")
         self.world.camera("none")
         if self.world.state == "fault":
@@ -246,7 +251,7 @@ class ServiceMachine(RuleBasedStateMachine):
         self.world.camera(fault)
 
     @step()
-    def recognition_dies(self) -> None:
+    def recognition_is_killed(self) -> None:
         self.world.kill_recognition()
 
     @step(stop=st.booleans())
@@ -262,22 +267,22 @@ class ServiceMachine(RuleBasedStateMachine):
         self.world.sweep(days)
 
     @step()
-    def the_service_is_started_anew(self) -> None:
+    def service_restarts(self) -> None:
         if self.since_start < RESTART_AFTER:
             return
         self.since_start = 0
         self.world.stop()
         self.world.start()
-        self.journal.look()
-        assert not self.journal.active, "after a start nothing is under way"
+        self.journal.update()
+        assert not self.journal.active, "a scan is active after a start"
         self.journal.check_files()
 
-    # What must hold.
+    # Promises
 
     @invariant()
-    def all_is_as_promised(self) -> None:
+    def promises_hold(self) -> None:
         self.since_start += 1
-        self.journal.look()
+        self.journal.update()
         self.world.check_motion()
         assert self.call("GET", "/api/cell").json()["state"] in ("not_ready", "ready", "busy", "fault")
 
@@ -286,33 +291,34 @@ class ServiceMachine(RuleBasedStateMachine):
         self.journal.check_files()
 
     def call(self, method: str, path: str, **options: Any) -> Any:
+        """Send a request and check that the answer matches the description of the API."""
         return self.world.call(method, path, **options)
 
     def expect(self, method: str, path: str, refusals: set[str]) -> None:
-        """It is done, or refused for one of these."""
+        """Send a request and assert that it succeeds or is refused with one of these slugs."""
         answer = self.call(method, path)
         assert answer.status_code == 200 or slug(answer) in refusals, answer.text
 
 
-def picked(some: Sequence[str], pick: int) -> str | None:
-    """One of them; None: there is none."""
+def pick_one(some: Sequence[str], pick: int) -> str | None:
+    """Return one of the items; None if there is none."""
     return sorted(some)[pick % len(some)] if some else None
 
 
 @pytest.mark.parametrize(
     ("examples", "steps"),
     [
-        # Of these, one does nothing but wait, and another is often cut short: 250 were 9,604 steps.
+        # One example only waits, and another is often cut short: 250 examples had 9,604 steps.
         (5, 20),
         pytest.param(270, 40, marks=[pytest.mark.soak, pytest.mark.timeout(6 * 3600)]),
     ],
 )
-def test_nothing_but_what_is_promised(
+def test_random_requests_and_faults_keep_all_promises(
     serve: Serve, recording_file: Path, tmp_path: Path, examples: int, steps: int
 ) -> None:
-    # The same in every run of CI; another each time before a release.
+    # The seed is fixed in CI and random before a release.
     number = int(os.environ.get("MACHINE_SEED", str(1 if examples < 10 else secrets.randbelow(1 << 32))))
-    print(f"MACHINE_SEED={number} has these steps again, though what is under way may be further then")
+    print(f"MACHINE_SEED={number} repeats these steps, but the timing may differ")
     world = World(serve, tmp_path / "data")
     try:
         machine = type("Machine", (ServiceMachine,), {"world": world, "recording": recording_file.read_bytes()})
@@ -321,7 +327,7 @@ def test_nothing_but_what_is_promised(
             settings=settings(
                 max_examples=examples,
                 stateful_step_count=steps,
-                phases=[Phase.generate],  # what depends on the moment cannot be made smaller
+                phases=[Phase.generate],  # a failure that depends on timing cannot be shrunk
                 deadline=None,
                 database=None,
                 suppress_health_check=list[Any](HealthCheck),
