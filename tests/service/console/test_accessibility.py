@@ -13,7 +13,7 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs se
 
 SERIOUS = ("serious", "critical")
 TARGET_PX = 44
-"""Minimum height of a touch target. Hints beside a term may be smaller: their text is also elsewhere."""
+"""Minimum height of a touch target. Hints beside a term may be smaller: their text is also shown elsewhere."""
 
 
 def assert_usable(page: Page) -> None:

@@ -12,7 +12,7 @@ from tests.service.console.conftest import Cell, Open, wait_until_drawn
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 
-def test_a_live_scan_from_first_visit_to_result(open_console: Open, cell: Cell) -> None:
+def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()  # before anything moves
     page.get_by_role("button", name="What is: String radius").click()

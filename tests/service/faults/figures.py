@@ -1,4 +1,4 @@
-"""What tests of faults measure, and how often: few times in CI, as often as is promised with `-m soak`."""
+"""Measured times of the fault tests and their limits, and the number of rounds in CI and with `-m soak`."""
 
 import math
 import statistics
@@ -8,15 +8,15 @@ import pytest
 
 
 class Figures:
-    """Compares what was measured with what is promised, and prints it: `pytest -m soak -rP` shows all."""
+    """Compares measured times with their limits and prints them. `pytest -m soak -rP` shows all."""
 
     def __init__(self, test: str, whole: bool) -> None:
-        """`whole`: the test runs in full, on a machine that does nothing else. Only then a time is asserted."""
+        """Set `whole` if the test runs in full on an otherwise idle machine. Only then are times asserted."""
         self._test = test
         self.whole = whole
 
     def at_most(self, what: str, seconds: Sequence[float], promised_s: float, share: float = 1.0) -> None:
-        """`share` of the times must not be longer than promised; without it, none."""
+        """Assert that a `share` of the times does not exceed the limit, and print them."""
         ordered = sorted(seconds)
         reached_s = ordered[max(0, math.ceil(share * len(ordered)) - 1)]
         print(
@@ -29,6 +29,6 @@ class Figures:
 
 
 def rounds(reduced: int, whole: int, timeout_s: int = 7200) -> pytest.MarkDecorator:
-    """The test's argument `count`: `reduced` in CI, `whole` with `-m soak`."""
+    """Parametrize the test's argument `count`: `reduced` in CI, `whole` with `-m soak`."""
     in_full = pytest.param(whole, marks=[pytest.mark.soak, pytest.mark.timeout(timeout_s)])
     return pytest.mark.parametrize("count", [reduced, in_full])

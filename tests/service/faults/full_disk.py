@@ -1,4 +1,4 @@
-"""A disk that is full from the n-th write on, until there is space again.
+"""A simulated disk that is full from the n-th write on, until it has space again.
 
 A write is a sync of a file or folder, or a commit of the database.
 """
@@ -13,34 +13,35 @@ from typing import Any
 
 import pytest
 
-OURS = ("/service/", "/cell/", "/calibration/")
-NOT_THE_SITE = ("database.py", "atomic_write.py", "hashed_file.py", "event_log.py")
+PRODUCT_FOLDERS = ("/service/", "/cell/", "/calibration/")
+WRITING_HELPERS = ("database.py", "atomic_write.py", "hashed_file.py", "event_log.py")
 
 
 class FullDisk:
-    """Counts the writes of this process, and refuses those from the n-th on."""
+    """Counts the writes of this process and refuses those from the n-th on."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._from: int | None = None
         self.sites: list[str] = []
-        """Of each write since `fill`: the function that it was for."""
+        """The calling function of each write since `fill`."""
         self.refused = 0
+        """Number of refused writes since `fill`."""
         self.first_refused_s = 0.0
-        """`time.monotonic()`."""
+        """Time of the first refused write, by `time.monotonic()`."""
 
     def fill(self, at: int | None) -> None:
-        """The `at`-th write from now on, counted from 1, and all later ones are refused; None: none is."""
+        """Refuse the `at`-th write from now on, counted from 1, and all later ones. None refuses no write."""
         with self._lock:
             self._from, self.sites, self.refused = at, [], 0
 
     def clear(self) -> None:
-        """There is space again."""
+        """Make space: refuse no more writes."""
         with self._lock:
             self._from = None
 
     def refuses(self) -> bool:
-        """Whether this write is."""
+        """Count a write and return whether it is refused."""
         with self._lock:
             self.sites.append(_site())
             refused = self._from is not None and len(self.sites) >= self._from
@@ -51,7 +52,7 @@ class FullDisk:
 
 
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> FullDisk:
-    """For the service of this process, which must be started after this."""
+    """Replace the writes of this process by those to a simulated disk. Call it before the service starts."""
     disk, fsync, connect = FullDisk(), os.fsync, sqlite3.connect
 
     def checked_fsync(file: int) -> None:
@@ -76,10 +77,15 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> FullDisk:
 
 
 def _site() -> str:
+    """Return the name of the product's function that writes."""
     frame = sys._getframe(2)
     while frame is not None:
         file = frame.f_code.co_filename.replace(os.sep, "/")
-        if any(part in file for part in OURS) and "/tests/" not in file and not file.endswith(NOT_THE_SITE):
+        if (
+            any(part in file for part in PRODUCT_FOLDERS)
+            and "/tests/" not in file
+            and not file.endswith(WRITING_HELPERS)
+        ):
             return frame.f_code.co_name
         frame = frame.f_back
     return "?"

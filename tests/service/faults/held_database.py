@@ -1,4 +1,4 @@
-"""Another process that has the database for itself, as somebody who looks into it by hand."""
+"""Another process that locks the database, as a person does who inspects it by hand."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ database.close()
 
 
 class OtherProcess:
-    """One that can have the database of a data folder for itself, again and again. To be closed."""
+    """A process that can lock the database of a data folder repeatedly. It must be closed."""
 
     def __init__(self, data: Path) -> None:
         arguments = [sys.executable, "-c", PROGRAM, str(data / DATABASE)]
@@ -27,18 +27,18 @@ class OtherProcess:
 
     @contextmanager
     def locking(self) -> Iterator[None]:
-        """Within, it has."""
-        self._ask("BEGIN EXCLUSIVE")
+        """Lock the database exclusively during the body."""
+        self._execute("BEGIN EXCLUSIVE")
         try:
             yield
         finally:
-            self._ask("ROLLBACK")
+            self._execute("ROLLBACK")
 
     def close(self) -> None:
-        """Ends it."""
+        """End the process."""
         self._process.communicate(timeout=30.0)
 
-    def _ask(self, statement: str) -> None:
+    def _execute(self, statement: str) -> None:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(f"{statement}\n")

@@ -1,4 +1,4 @@
-"""What the controller's log tells of the arm's way: by its own clock and its own word."""
+"""Helpers that check the arm's motion in the controller's log, by the controller's clock."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,71 +13,71 @@ from tests.service.live_cell import LiveCell
 Events = list[dict[str, Any]]
 
 
-def now_in(cell: LiveCell) -> int:
-    """Number of the next event of the controller's log."""
+def log_position(cell: LiveCell) -> int:
+    """Return the number of the next event in the controller's log."""
     return cell.controller.state().events
 
 
-def seen(cell: LiveCell, since: int, *wanted: str) -> Events:
-    """The controller's events of these kinds, of all unless told, from a number on."""
+def events_since(cell: LiveCell, since: int, *names: str) -> Events:
+    """Return the controller's events from number `since` on, of the given kinds or else of all."""
     events = cell.controller.log(since)
-    return kinds(events, *wanted) if wanted else events
+    return kinds(events, *names) if names else events
 
 
-def first(cell: LiveCell, since: int, true: Callable[[dict[str, Any]], bool]) -> float:
-    """When the first such event was noted; waits for it."""
+def wait_for_event(cell: LiveCell, since: int, matches: Callable[[dict[str, Any]], bool]) -> float:
+    """Wait for the first matching event and return its time, in seconds."""
     found: Events = []
 
-    def there() -> bool:
-        found[:] = [event for event in cell.controller.log(since) if true(event)]
+    def found_one() -> bool:
+        found[:] = [event for event in cell.controller.log(since) if matches(event)]
         return bool(found)
 
-    wait_until(there)
+    wait_until(found_one)
     return found[0]["stamp_s"]
 
 
-def wait_for_middle(cell: LiveCell, share: float = 0.2, least_s: float = 1.0) -> None:
-    """Until so much of a move is done, of one that goes on for so long by a real arm's clock."""
+def wait_for_mid_move(cell: LiveCell, share: float = 0.2, min_left_s: float = 1.0) -> None:
+    """Wait until a `share` of a move is done and at least `min_left_s` of a real arm's time is left."""
 
-    def there() -> bool:
+    def reached() -> bool:
         state = cell.controller.state()
         if not (state.moving and state.progress >= share):
             return False
         move = kinds(cell.controller.log(max(0, state.events - 20)), "motion_start")[-1]
-        return (1 - state.progress) * move["details"]["duration_s"] >= least_s
+        return (1 - state.progress) * move["details"]["duration_s"] >= min_left_s
 
-    wait_until(there)
+    wait_until(reached)
 
 
 def wait_for_stop(cell: LiveCell, since: int) -> float:
-    """Waits until the controller was told to stop or to end the program; when it was."""
+    """Wait until the controller receives a stop or the end of the program. Return the time, in seconds."""
     found: list[float] = []
 
-    def told() -> bool:
+    def stop_received() -> bool:
         found[:] = stops(cell.controller.log(since))
         return bool(found)
 
-    wait_until(told)
+    wait_until(stop_received)
     return found[0]
 
 
-def still_s(cell: LiveCell, since: int, from_s: float) -> float:
-    """How long after `from_s` the arm was at rest; waits until it is. Nothing may have set it in motion since."""
+def time_to_rest_s(cell: LiveCell, since: int, from_s: float) -> float:
+    """Wait until the arm is at rest and return the seconds since `from_s`. No motion may begin after it."""
     wait_until(lambda: not cell.moving())
     events = cell.controller.log(since)
     late = [event for event in kinds(events, "motion_start") if event["stamp_s"] > from_s]
-    assert not late, f"the arm was set in motion: {late}"
+    assert not late, f"the arm began to move again: {late}"
     rests = [event["stamp_s"] for event in kinds(events, "still", "motion_done") if event["stamp_s"] > from_s]
     return max(rests, default=from_s) - from_s
 
 
-def assert_one_way(cell: LiveCell, since: int, whole: bool = False) -> None:
-    """Since then the arm went the way of the last plan from its beginning, each stretch once; to its end if `whole`."""
+def assert_followed_plan(cell: LiveCell, since: int, whole: bool = False) -> None:
+    """Assert that the arm followed the last plan from its start, each segment once; to its end if `whole`."""
     plan = cell.client.app.state.context.cell.status.plan
     planned = [q_rad for leg in plan.legs for q_rad in leg.waypoints_rad]
     events = cell.controller.log(since)
-    gone = [event["details"]["q_to_rad"] for event in kinds(events, "motion_start")]
-    assert len(motion_commands(events)) == len(gone), "a move was sent that the arm did not make"
-    assert len(gone) == len(planned) if whole else len(gone) <= len(planned)
-    for q_rad, wanted in zip(gone, planned, strict=False):
-        assert q_rad == pytest.approx(np.asarray(wanted), abs=1e-9)
+    visited = [event["details"]["q_to_rad"] for event in kinds(events, "motion_start")]
+    assert len(motion_commands(events)) == len(visited), "the arm did not make every move that was sent"
+    assert len(visited) == len(planned) if whole else len(visited) <= len(planned)
+    for q_rad, planned_rad in zip(visited, planned, strict=False):
+        assert q_rad == pytest.approx(np.asarray(planned_rad), abs=1e-9)

@@ -1,7 +1,7 @@
-"""Services that start in a moment and cost little, to be killed by hundreds.
+"""Services that start fast, for tests that kill hundreds of them.
 
-As a program: a process that has everything loaded and makes a copy of itself, a service, for each line on stdin:
-`DATA_DIR RETENTION HOST`, and answers with `PID PORT`. One runs at a time; it is killed before the next line.
+The program loads all modules once. For each line `DATA_DIR RETENTION HOST` on stdin it forks a service and prints
+`PID PORT`. One service runs at a time; the test kills it before it sends the next line.
 """
 
 import os
@@ -19,41 +19,41 @@ PROGRAM = "import sys; from tests.service.faults.quick_service import main; main
 
 
 @dataclass(frozen=True)
-class Life:
-    """A service that runs."""
+class RunningService:
+    """A running service."""
 
     pid: int
     port: int
 
 
 class QuickServices:
-    """Whoever asks the program for services."""
+    """Starts services through the program."""
 
     def __init__(self, program: subprocess.Popen[str]) -> None:
         self._program = program
 
-    def start(self, data: Path, *, retention: bool = False, host: str = "-") -> Life:
-        """A service; `host` of the simulated controller, if there is to be one."""
+    def start(self, data: Path, *, retention: bool = False, host: str = "-") -> RunningService:
+        """Start a service. `host` is the address of the simulated controller; `-` means no controller."""
         assert self._program.stdin is not None
         assert self._program.stdout is not None
         self._program.stdin.write(f"{data} {int(retention)} {host}\n")
         self._program.stdin.flush()
         pid, port = self._program.stdout.readline().split()
-        return Life(int(pid), int(port))
+        return RunningService(int(pid), int(port))
 
 
 @contextmanager
 def quick_services(recording: Path, log: Path) -> Iterator[QuickServices]:
-    """The program, for as long as the body takes. What its services say is in `log`."""
+    """Run the program during the body. Its services write their output to `log`."""
     with (
-        log.open("wb") as told,
+        log.open("wb") as output,
         subprocess.Popen(
             [sys.executable, "-c", PROGRAM, str(recording)],
             cwd=ROOT,
             text=True,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=told,
+            stderr=output,
         ) as program,
     ):
         try:
@@ -63,14 +63,14 @@ def quick_services(recording: Path, log: Path) -> Iterator[QuickServices]:
 
 
 def main(recording: str) -> None:
-    """The program."""
+    """Run the program."""
     import service.api.routes.recordings
     import service.app
     import service.jobs.manager
     import service.storage.retention
-    from tests.service.faults.pretended_recognition import describe_here, pretended
+    from tests.service.faults.recognition_stub import describe_here, stub_factory
 
-    service.jobs.manager.RecognitionWorker = pretended(Path(recording))  # type: ignore[misc,assignment]
+    service.jobs.manager.RecognitionWorker = stub_factory(Path(recording))  # type: ignore[misc,assignment]
     service.api.routes.recordings.describe_untrusted_recording = describe_here
     service.storage.retention.STEADY_S, service.storage.retention.INTERVAL_S = 0.0, 0.05
     service.storage.retention.MIN_AGE = timedelta(seconds=3)

@@ -1,4 +1,4 @@
-"""Fault 23: the machine's clock is set, by a day, in the middle of things."""
+"""Fault 23: the machine's clock is set forward or back by a day while the service runs."""
 
 import subprocess
 import sys
@@ -24,7 +24,7 @@ from service.storage.retention import Retention
 from service.storage.rows import insert
 from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
-from tests.service.faults.pretended_recognition import pretended
+from tests.service.faults.recognition_stub import stub_factory
 from tests.service.following import folded, told
 from tests.service.live_cell import live_cell
 
@@ -35,43 +35,43 @@ DAY = timedelta(days=1)
 
 
 class Clock:
-    """The wall clock, to be set."""
+    """A wall clock with an adjustable offset."""
 
     def __init__(self) -> None:
-        self.off = timedelta()
+        self.offset = timedelta()
 
     def utc_now(self) -> datetime:
-        return datetime.now(UTC) + self.off
+        return datetime.now(UTC) + self.offset
 
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """Of the service, and of the cell where it judges a calibration's age."""
+    """The clock of the service, and of the cell when it checks the age of a calibration."""
     clock = Clock()
     monkeypatch.setattr("service.clock.utc_now", clock.utc_now)
 
-    class Moment(datetime):
+    class ShiftedDatetime(datetime):
         @classmethod
         def now(cls, tz: Any = None) -> datetime:  # type: ignore[override]
-            return datetime.now(tz) + clock.off
+            return datetime.now(tz) + clock.offset
 
     for module in ("calibration.storage.hand_eye_file", "cell.control.cell"):
-        monkeypatch.setattr(f"{module}.datetime", Moment)
-    monkeypatch.setattr(time, "time", lambda real=time.time: real() + clock.off.total_seconds())
+        monkeypatch.setattr(f"{module}.datetime", ShiftedDatetime)
+    monkeypatch.setattr(time, "time", lambda real=time.time: real() + clock.offset.total_seconds())
     return clock
 
 
 @pytest.mark.parametrize("days", [-1, 1])
-def test_ids_rise_in_order_of_their_making(clock: Clock, days: int) -> None:
-    made = [new_id() for _ in range(1000)]
-    clock.off = days * DAY
-    made += [new_id() for _ in range(1000)]
-    clock.off = -days * DAY
-    made += [new_id() for _ in range(1000)]
-    clock.off = timedelta()
-    made += [new_id() for _ in range(1000)]
-    assert made == sorted(made)
-    assert len(set(made)) == len(made)
+def test_ids_rise_in_order_of_creation(clock: Clock, days: int) -> None:
+    ids = [new_id() for _ in range(1000)]
+    clock.offset = days * DAY
+    ids += [new_id() for _ in range(1000)]
+    clock.offset = -days * DAY
+    ids += [new_id() for _ in range(1000)]
+    clock.offset = timedelta()
+    ids += [new_id() for _ in range(1000)]
+    assert ids == sorted(ids)
+    assert len(set(ids)) == len(ids)
 
 
 NEW_ID = """
@@ -87,10 +87,10 @@ store.scans.add(new_scan("replay", "graph", None, NOBODY))
 """
 
 
-def test_a_later_service_goes_on_behind_the_last_id(clock: Clock, tmp_path: Path) -> None:
-    # A process of its own, as a service has: what it remembers is lost.
+def test_a_later_service_continues_after_the_last_id(clock: Clock, tmp_path: Path) -> None:
+    # The earlier service is another process, so no state in memory remains.
     subprocess.run([sys.executable, "-c", NEW_ID, str(tmp_path), "1"], check=True)
-    clock.off = -DAY
+    clock.offset = -DAY
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
         store.scans.add(scan := new_scan("replay", "graph", None, NOBODY))
         with store.database.connection() as db:
@@ -101,7 +101,7 @@ def test_a_later_service_goes_on_behind_the_last_id(clock: Clock, tmp_path: Path
         assert [row.id for row in store.scans.newest(10, before=scan.id)] == in_order[-2::-1]
 
 
-def test_ids_that_are_not_ours_are_no_moments(tmp_path: Path) -> None:
+def test_foreign_ids_are_not_read_as_times(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
         with closing(Store(folder)) as store, store.database.transaction() as db:
             for name in ("upload-1", "99999999t999999-999999-ffffffff", "zz"):
@@ -111,19 +111,19 @@ def test_ids_that_are_not_ours_are_no_moments(tmp_path: Path) -> None:
             assert before < new_id() < "21"
 
 
-# What is old is removed only by a clock that goes steadily
+# Retention removes old data only while the clock is steady
 
 
-def test_a_clock_that_was_set_is_found_out(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_step_is_detected(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = 1000.0
     monkeypatch.setattr("service.clock.time.monotonic", lambda: now_s)
-    monkeypatch.setattr("service.clock.utc_now", lambda: datetime.fromtimestamp(now_s, UTC) + clock.off)
+    monkeypatch.setattr("service.clock.utc_now", lambda: datetime.fromtimestamp(now_s, UTC) + clock.offset)
     detector = ClockStepDetector()
     now_s += 5000.0
-    clock.off += timedelta(seconds=2)  # as a clock that is brought to the right time slowly
+    clock.offset += timedelta(seconds=2)  # a slow correction of the clock
     assert detector.seconds_since_step() == 5000.0
-    for off in (DAY, -DAY, timedelta(minutes=-2)):
-        clock.off += off
+    for offset in (DAY, -DAY, timedelta(minutes=-2)):
+        clock.offset += offset
         now_s += 10.0
         assert detector.seconds_since_step() == 0.0
         now_s += 10.0
@@ -131,15 +131,13 @@ def test_a_clock_that_was_set_is_found_out(clock: Clock, monkeypatch: pytest.Mon
 
 
 @contextmanager
-def kept_for_a_week(store: Store) -> Iterator[None]:
-    """Somebody looks for what is older than a week, all the time."""
+def retention_of_a_week(store: Store) -> Iterator[None]:
+    """Run retention with a maximum age of a week during the body."""
     with closing(Retention(store, RetentionConfig(max_age_days=7), lambda: True)):
         yield
 
 
-def test_nothing_is_removed_because_the_clock_was_set(
-    clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_clock_step_removes_nothing(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.storage.retention.RETRY_S", 0.02)
     monkeypatch.setattr("service.storage.retention.INTERVAL_S", 0.02)
     monkeypatch.setattr("service.storage.retention.STEADY_S", 0.3)
@@ -152,20 +150,20 @@ def test_nothing_is_removed_because_the_clock_was_set(
         def days_after(days: float) -> timedelta:
             return ended + timedelta(days=days) - datetime.now(UTC)
 
-        clock.off = days_after(6.5)
-        with kept_for_a_week(store):
-            for _ in range(5):  # a day forth, and right again before it can be believed
-                clock.off = days_after(7.5)
+        clock.offset = days_after(6.5)
+        with retention_of_a_week(store):
+            for _ in range(5):  # a day forward, and back before the clock counts as steady
+                clock.offset = days_after(7.5)
                 time.sleep(0.1)
-                clock.off = days_after(6.5)
+                clock.offset = days_after(6.5)
                 time.sleep(0.1)
             assert store.scans.get(scan.id) is not None
-            clock.off = days_after(7.5)  # for good
+            clock.offset = days_after(7.5)  # permanently
             wait_until(lambda: store.scans.get(scan.id) is None)
 
 
 @pytest.mark.parametrize("days", [-1, pytest.param(1, marks=pytest.mark.soak)])
-def test_a_scan_goes_on(
+def test_a_scan_succeeds_after_a_clock_step(
     clock: Clock,
     serve: Serve,
     tmp_path: Path,
@@ -174,8 +172,8 @@ def test_a_scan_goes_on(
     finished: Finished,
     days: int,
 ) -> None:
-    """Of a calibration that is nearly too old, or made a moment ago, whichever the clock could spoil."""
-    monkeypatch.setattr("service.jobs.manager.RecognitionWorker", pretended(recording_file))
+    """The calibration is nearly too old or just made, so that the clock step could invalidate it."""
+    monkeypatch.setattr("service.jobs.manager.RecognitionWorker", stub_factory(recording_file))
     file = tmp_path / "hand_eye.json"
     write_hand_eye(
         file, T_FLANGE_CAMERA, created=datetime.now(UTC) - (timedelta(days=89.9) if days > 0 else timedelta())
@@ -184,7 +182,7 @@ def test_a_scan_goes_on(
         first = finished(cell.client, cell.start(views=2))
         location = cell.start(views=3)
         cell.wait_for_motion(location)
-        clock.off = days * DAY
+        clock.offset = days * DAY
         scan = finished(cell.client, location)
         assert scan["state"] == "succeeded", scan["problem"]
         assert len(cell.views(location)) == 3
@@ -196,7 +194,7 @@ def test_a_scan_goes_on(
         assert [one["id"] for one in recorded] == [scan["id"], first["id"]]
         again = cell.client.post(f"{location}/reprocess")
         assert finished(cell.client, again.headers["Location"])["state"] == "succeeded"
-        if days < 0:  # a day older it would be too old: that is what its age is for
+        if days < 0:  # with the clock a day ahead, the calibration is too old
             assert cell.client.post("/api/viewpoints/plan", json={}).status_code == 200
         assert cell.client.get("/api/calibration").status_code == 200
         assert cell.client.get("/readyz").status_code == 200

@@ -1,4 +1,4 @@
-"""Fault 22: another program holds the database, as somebody who looks into it by hand and forgets to let it go."""
+"""Fault 22: another program locks the database for a long time."""
 
 import time
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import pytest
 from service.integrity.check import check_store
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.held_database import OtherProcess
-from tests.service.faults.pretended_recognition import PretendedRecognition, pretended
+from tests.service.faults.recognition_stub import RecognitionStub, stub_factory
 from tests.service.live_cell import live_cell
 from tests.service.stored_data import check_target_of
 
@@ -21,23 +21,24 @@ pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
 
 Problem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
-Make = Callable[[], PretendedRecognition]
+Make = Callable[[], RecognitionStub]
 
 ANSWER_S = 5.5
-"""Within which a refusal must come. Asserted where the service waits as long as it really does."""
+"""Time limit of a refusal, in seconds. It is asserted only with the real waiting time."""
 REAL = pytest.param(None, marks=[pytest.mark.soak, pytest.mark.timeout(600)], id="as-it-is")
 SHORT = pytest.param(0.5, id="short")
-"""How long the service waits for the database."""
+"""How long the service waits for the database, in seconds; None for the real time."""
 
 
 @pytest.fixture(scope="module")
 def recognition(recording_file: Path) -> Make:
-    return pretended(recording_file)
+    """A factory of stubs of recognition."""
+    return stub_factory(recording_file)
 
 
 @pytest.fixture
 def busy_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, recognition: Make) -> float | None:
-    """How long the service waits; None: as it is."""
+    """How long the service waits for the database, in seconds; None for the real time."""
     monkeypatch.setattr("service.jobs.manager.RecognitionWorker", recognition)
     if request.param is not None:
         monkeypatch.setattr("service.storage.database.BUSY_S", request.param)
@@ -46,7 +47,7 @@ def busy_s(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, reco
 
 
 @pytest.mark.parametrize("busy_s", [SHORT, REAL], indirect=True)
-def test_changes_are_refused_in_time_and_reading_goes_on(
+def test_changes_are_refused_in_time_and_reads_continue(
     serve: Serve,
     tmp_path: Path,
     recording_file: Path,
@@ -57,15 +58,15 @@ def test_changes_are_refused_in_time_and_reading_goes_on(
     content, times = recording_file.read_bytes(), list[float]()
     with serve(tmp_path / "data") as client, ThreadPoolExecutor(10) as pool:
         recording = client.post("/api/recordings", content=content).json()["id"]
-        wish = {"mode": "replay", "recording": recording}
-        done = client.post("/api/scans", json=wish).headers["Location"]
+        scan_body = {"mode": "replay", "recording": recording}
+        done = client.post("/api/scans", json=scan_body).headers["Location"]
         assert finished(client, done)["state"] == "succeeded"
 
         def refused(method: str, path: str, **body: Any) -> None:
-            begun = time.monotonic()
+            started_s = time.monotonic()
             answer = client.request(method, path, **body)
-            times.append(time.monotonic() - begun)
-            if answer.status_code == 409:  # while another is told that it cannot be
+            times.append(time.monotonic() - started_s)
+            if answer.status_code == 409:  # while another request waits for the database
                 assert_problem(answer, 409, "cell-busy")
             else:
                 assert_problem(answer, 503, "busy")
@@ -74,7 +75,7 @@ def test_changes_are_refused_in_time_and_reading_goes_on(
         with closing(OtherProcess(tmp_path / "data")) as other, other.locking():
             until = time.monotonic() + (10.0 if busy_s is None else 0.0)
             while True:
-                waiting = [pool.submit(refused, "POST", "/api/scans", json=wish) for _ in range(6)]
+                waiting = [pool.submit(refused, "POST", "/api/scans", json=scan_body) for _ in range(6)]
                 waiting += [pool.submit(refused, "PUT", f"{done}/keep", json={"kept": True})]
                 waiting += [pool.submit(refused, "POST", "/api/recordings", content=content)]
                 while not all(one.done() for one in waiting):
@@ -90,12 +91,12 @@ def test_changes_are_refused_in_time_and_reading_goes_on(
             assert max(times) <= ANSWER_S
         kept = client.put(f"{done}/keep", json={"kept": True})
         assert kept.json()["kept"]
-        assert finished(client, client.post("/api/scans", json=wish).headers["Location"])["state"] == "succeeded"
+        assert finished(client, client.post("/api/scans", json=scan_body).headers["Location"])["state"] == "succeeded"
 
 
 @pytest.mark.parametrize("busy_s", [SHORT, REAL], indirect=True)
 @pytest.mark.parametrize("stop", [True, pytest.param(False, marks=pytest.mark.soak)])
-def test_a_live_scan_does_not_move_on(
+def test_a_live_scan_makes_no_further_move(
     serve: Serve, tmp_path: Path, busy_s: float | None, stop: bool, finished: Finished
 ) -> None:
     data = tmp_path / "data"
@@ -108,12 +109,12 @@ def test_a_live_scan_does_not_move_on(
                 assert cell.client.post("/api/cell/stop").status_code == 200
             still_s = time.monotonic()
             while time.monotonic() < still_s + 0.5:
-                if cell.moving():  # to the view that it was sent to before
+                if cell.moving():  # to the viewpoint of the last move before the lock
                     still_s = time.monotonic()
             assert cell.client.get(location).status_code == 200
             wait_until(lambda: time.monotonic() > still_s + (10.0 if busy_s is None else 2.0))
             assert cell.events("motion_start", after_s=still_s) == []
-            assert cell.views(location) == views  # nothing could be told
+            assert cell.views(location) == views  # no progress could be stored
         scan = finished(cell.client, location)
         state, slug = ("aborted", "aborted") if stop else ("failed", "busy")
         assert (scan["state"], scan["problem"]["type"]) == (state, f"urn:pointchain:{slug}")

@@ -1,4 +1,4 @@
-"""Fault 19 of files that are replaced, as the calibration in use, the pictures of a calibration, and the tokens."""
+"""Fault 19 for replaced files: the active calibration, the pictures of a calibration, and the tokens."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from tests.service.faults.full_disk import full_disk
 pytestmark = pytest.mark.fault(19)
 
 
-def test_what_is_replaced_is_as_before_or_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replaced_file_is_either_old_or_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file, disk = tmp_path / "picture.png", full_disk(monkeypatch)
     replace_synced(file, b"first")
     for write in (1, 2):
@@ -23,7 +23,7 @@ def test_what_is_replaced_is_as_before_or_whole(tmp_path: Path, monkeypatch: pyt
         assert list(tmp_path.iterdir()) == [file]
 
 
-def test_tokens_stay_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_the_tokens_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     add_token(tmp_path, "ann", "viewer")
     disk = full_disk(monkeypatch)
     before = (tmp_path / TOKENS_FILE).read_bytes()

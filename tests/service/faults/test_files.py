@@ -1,4 +1,4 @@
-"""Fault 24: recordings, names and bodies that were made to do harm."""
+"""Fault 24: damaged and hostile recordings and names, and uploads that are too large."""
 
 import hashlib
 import json
@@ -21,39 +21,41 @@ from tests.service.stored_data import check_target_of
 
 pytestmark = [
     pytest.mark.fault(24),
-    pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at the service's memory in /proc"),
+    pytest.mark.skipif(not Path("/proc").is_dir(), reason="reads the service's memory from /proc"),
 ]
 
 MIB = 1 << 20
 GROWTH_BYTES = 256 * MIB
-"""At most, of the service's memory."""
+"""Limit of the growth of the service's memory."""
 ANSWER_S = 2.0
-"""Each answer, where it is measured alone."""
+"""Time limit of each answer, in seconds. It is asserted only in the long form."""
 UPLOAD_BYTES = 4 * MIB
+"""Configured limit of an upload."""
 
 
 @dataclass(frozen=True)
 class Served:
-    """A service in a process of its own, and what lies around its data folder."""
+    """A service in another process, and the folder that contains its data folder."""
 
     client: httpx2.Client
     pid: int
-    around: Path
+    parent: Path
 
     @property
     def data(self) -> Path:
-        return self.around / "data"
+        """The data folder of the service."""
+        return self.parent / "data"
 
     @property
     def peak_bytes(self) -> int:
-        """The most memory that the service has had so far."""
+        """The peak memory of the service, in bytes."""
         found = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{self.pid}/status").read_text())
         assert found is not None
         return int(found[1]) * 1024
 
     def outside(self) -> dict[str, tuple[int, int, str]]:
-        """Each file that is not in the data folder: its size, its time, and its hash."""
-        files = (path for path in self.around.rglob("*") if path.is_file() and self.data not in path.parents)
+        """Return size, modification time in ns and hash of each file outside the data folder."""
+        files = (path for path in self.parent.rglob("*") if path.is_file() and self.data not in path.parents)
         return {
             str(path): (path.stat().st_size, path.stat().st_mtime_ns, hashlib.sha256(path.read_bytes()).hexdigest())
             for path in files
@@ -63,28 +65,29 @@ class Served:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> Iterator[Served]:
-    around = tmp_path_factory.mktemp("around")
+    """A service with one recording and a low limit of uploads."""
+    parent = tmp_path_factory.mktemp("around")
     for name in ("hand_eye.json", "lock", "evil.mcap"):
-        (around / name).write_text("not to be touched")
+        (parent / name).write_text("not to be touched")
     limits = {"POINTCHAIN_LIMITS__UPLOAD_BYTES": str(UPLOAD_BYTES), "POINTCHAIN_LIMITS__MIN_FREE_BYTES": "0"}
-    with process(around / "data", around / "service.log", **limits) as (running, client):
+    with process(parent / "data", parent / "service.log", **limits) as (running, client):
         client.post("/api/recordings", content=recording_file.read_bytes())
-        yield Served(client, running.pid, around)
+        yield Served(client, running.pid, parent)
 
 
 @pytest.mark.parametrize(
     "count", [25, pytest.param(500, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])], ids=["some", "all"]
 )
-def test_recordings_made_to_do_harm(served: Served, recording_file: Path, count: int) -> None:
+def test_hostile_recordings_do_no_harm(served: Served, recording_file: Path, count: int) -> None:
     content, before, memory = recording_file.read_bytes(), served.outside(), served.peak_bytes
-    taken, slowest_s, refused = len(list((served.data / "recordings").iterdir())), 0.0, set[str]()
+    accepted, slowest_s, refused = len(list((served.data / "recordings").iterdir())), 0.0, set[str]()
     for number in range(count):
-        kind, bad = hostile(content, number)
-        begun = time.monotonic()
-        answer = served.client.post("/api/recordings", content=bad)
-        slowest_s = max(slowest_s, time.monotonic() - begun)
+        kind, upload = hostile(content, number)
+        started_s = time.monotonic()
+        answer = served.client.post("/api/recordings", content=upload)
+        slowest_s = max(slowest_s, time.monotonic() - started_s)
         assert answer.status_code in (201, 413, 422), (kind, answer.text)
-        taken += answer.status_code == 201
+        accepted += answer.status_code == 201
         if answer.status_code != 201:
             assert answer.headers["content-type"] == "application/problem+json", kind
             assert "unexpected" not in answer.json()["detail"], (kind, answer.text)
@@ -92,7 +95,7 @@ def test_recordings_made_to_do_harm(served: Served, recording_file: Path, count:
     assert len(refused) >= 3, refused
     assert served.peak_bytes - memory <= GROWTH_BYTES
     assert served.outside() == before
-    assert len(list((served.data / "recordings").iterdir())) == taken
+    assert len(list((served.data / "recordings").iterdir())) == accepted
     assert list((served.data / "incoming").iterdir()) == []
     assert check_store(check_target_of(served.data)).findings == ()
     if count == 500:
@@ -100,18 +103,18 @@ def test_recordings_made_to_do_harm(served: Served, recording_file: Path, count:
 
 
 @pytest.mark.parametrize("count", [50, pytest.param(2000, marks=pytest.mark.soak)], ids=["some", "all"])
-def test_names_made_to_do_harm(served: Served, count: int) -> None:
-    before, chance = served.outside(), random.Random(24)
+def test_hostile_names_do_no_harm(served: Served, count: int) -> None:
+    before, rng = served.outside(), random.Random(24)
     names = [*NAMES, "%2e%2e", "'; DROP TABLE scans; --", "{{7*7}}", "\r\nSet-Cookie: a=b", "\ud800", "9" * 10_000]
     for _ in range(count):
-        name = chance.choice(names)
-        if chance.random() < 0.3:
-            name = "".join(chance.choices([*"./\\%~\0\n", "..", "%2f", "a", "\u0130", "\U0001f600"], k=10))
+        name = rng.choice(names)
+        if rng.random() < 0.3:
+            name = "".join(rng.choices([*"./\\%~\0\n", "..", "%2f", "a", "\u0130", "\U0001f600"], k=10))
         bodies = {"/api/scans": {"mode": "replay", "recording": name}, "/api/viewpoints/plan": {name: name}}
-        path, body = chance.choice(list(bodies.items()))
-        # What no header can carry the client would not send.
+        path, body = rng.choice(list(bodies.items()))
+        # The client would refuse to send bytes that are not allowed in a header.
         key = re.sub(rb"[\0\r\n]", b"", name[:300].encode("utf-8", "replace")).strip()
-        # As ASCII, so that what is no Unicode gets there.
+        # JSON in ASCII can carry lone surrogates.
         answer = served.client.post(path, content=json.dumps(body), headers=[(b"Idempotency-Key", key)])
         assert answer.status_code in (400, 404, 413, 422), (name, answer.status_code, answer.text)
         answer = served.client.get("/api/scans", params={"before": name.encode("utf-8", "replace")})
@@ -120,16 +123,16 @@ def test_names_made_to_do_harm(served: Served, count: int) -> None:
     assert served.client.get("/api/scans").json()["scans"] == []
 
 
-def test_ten_gigabytes_are_not_read(served: Served) -> None:
+def test_an_upload_of_ten_gigabytes_is_not_read(served: Served) -> None:
     before, memory = served.outside(), served.peak_bytes
     port = served.client.base_url.port
     for head in (f"Content-Length: {10 * 10**9}", "Transfer-Encoding: chunked"):
-        begun, sent = time.monotonic(), 0
+        started_s, sent = time.monotonic(), 0
         with socket.create_connection(("127.0.0.1", port), timeout=60) as connection:
             connection.sendall(f"POST /api/recordings HTTP/1.1\r\nHost: localhost\r\n{head}\r\n\r\n".encode())
             part = bytes(64 << 10)
             answer = b""
-            while not answer and sent < 10 * 10**9 and time.monotonic() < begun + 60:
+            while not answer and sent < 10 * 10**9 and time.monotonic() < started_s + 60:
                 connection.settimeout(0.05 if sent > 2 * UPLOAD_BYTES else 0.0)
                 try:
                     answer = connection.recv(65536)
@@ -137,18 +140,19 @@ def test_ten_gigabytes_are_not_read(served: Served) -> None:
                     connection.settimeout(1.0)
                     sent += _send(connection, part if "chunked" not in head else b"10000\r\n" + part + b"\r\n")
             connection.settimeout(60)
-            with suppress(ConnectionError):  # what was sent and is not read
+            with suppress(ConnectionError):  # the service closes the connection with unread data
                 while more := connection.recv(65536):
                     answer += more
         assert answer.startswith(b"HTTP/1.1 413 "), answer[:200]
         assert b"urn:pointchain:too-large" in answer
-        assert sent < 50 * MIB  # what was on its way
+        assert sent < 50 * MIB  # data in the buffers of the connection
     assert served.peak_bytes - memory <= 64 * MIB
     assert served.outside() == before
     assert list((served.data / "incoming").iterdir()) == []
 
 
 def _send(connection: socket.socket, part: bytes) -> int:
+    """Send a part and return the number of bytes; 0 if the connection does not accept it."""
     try:
         connection.sendall(part)
     except (TimeoutError, ConnectionError):

@@ -1,4 +1,4 @@
-"""Viewpoints that the arm cannot reach: told by number and reason before anything moves."""
+"""Viewpoints out of reach are reported by number and reason before the arm moves."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,30 +8,30 @@ import httpx2
 import pytest
 
 from tests.service.conftest import Serve
-from tests.service.faults.moves import assert_one_way, now_in, seen
+from tests.service.faults.moves import assert_followed_plan, events_since, log_position
 from tests.service.following import told
 from tests.service.live_cell import SCAN, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
 
 FAR_M = (0.55, 0.85)
-"""A workspace round whose far side the arm does not get."""
+"""A workspace whose far side is out of the arm's reach."""
 
 
 @pytest.mark.fault(18)
-def test_too_few_are_refused_and_enough_are_scanned_without_the_others(
+def test_unreachable_viewpoints_are_refused_or_left_missing(
     serve: Serve, tmp_path: Path, assert_problem: Problem, finished: Finished
 ) -> None:
     with live_cell(serve, tmp_path / "data", workspace={"x_m": FAR_M}) as cell:
-        # Of three all are needed.
+        # With three viewpoints, all are needed.
         detail = assert_problem(cell.client.post("/api/scans", json=SCAN | {"views": 3}), 422, "viewpoints-unreachable")
         assert "0: out of the arm's reach" in detail
         assert "1: " not in detail
         assert cell.client.get("/api/scans").json() == {"scans": [], "next": None}
-        assert seen(cell, 0, "motion_start") == []
+        assert events_since(cell, 0, "motion_start") == []
 
         plan = cell.client.post("/api/viewpoints/plan", json={}).json()
         missing = {point["index"]: point["reason"] for point in plan["viewpoints"] if point["reason"] is not None}
@@ -39,7 +39,7 @@ def test_too_few_are_refused_and_enough_are_scanned_without_the_others(
         assert set(missing.values()) == {"out of the arm's reach"}
         assert 4 <= plan["reachable"] == 8 - len(missing) < 8
 
-        begin, location = now_in(cell), cell.start()
+        begin, location = log_position(cell), cell.start()
         scan = finished(cell.client, location)
         assert scan["state"] == "partial", scan
         views = {view["index"]: view for view in scan["progress"]["views"]}
@@ -48,8 +48,8 @@ def test_too_few_are_refused_and_enough_are_scanned_without_the_others(
         assert len(views) == 8
         warnings = cell.client.get(scan["links"]["model"]).json()["quality"]["warnings"]
         assert all(any(f"view {index} is missing" in warning for warning in warnings) for index in missing)
-        # That they are missing was told before the first move.
+        # The missing views were reported before the first move.
         events = [event.data["data"] for event in told(cell.client, f"{location}/events", 0) if event.kind == "view"]
         assert [event["index"] for event in events[: len(missing)]] == sorted(missing)
         assert events[len(missing)]["state"] == "moving"
-        assert_one_way(cell, begin)
+        assert_followed_plan(cell, begin)

@@ -1,4 +1,4 @@
-"""The whole service is suspended in the middle of a move: the controller stops the arm, and it stays where it is."""
+"""The whole service is suspended during a move. The controller stops the arm, and nothing moves it again."""
 
 import signal
 import time
@@ -21,13 +21,13 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 WATCHDOG_HZ = 2.5
 TIME_FACTOR = 0.5
-"""A move takes several times as long as the watchdog waits."""
+"""Factor of the arm's speed. A move takes several times as long as the watchdog waits."""
 
 
 @pytest.mark.xdist_group("cell")  # one at a time: several busy processes
 @pytest.mark.fault(12)
 @rounds(1, 10)
-def test_the_watchdog_stops_the_arm_and_nothing_goes_on(
+def test_the_watchdog_stops_the_arm_and_nothing_resumes(
     tmp_path: Path, finished: Finished, figures: Figures, count: int
 ) -> None:
     expired_s, host = [], free_host()
@@ -53,13 +53,13 @@ def test_the_watchdog_stops_the_arm_and_nothing_goes_on(
                     service.send_signal(signal.SIGCONT)
                 events = controller.log(since)
                 (expired,) = kinds(events, "watchdog_expired")
-                # But for the time in which this machine kept the controller itself from running.
+                # The time in which the controller itself could not run on this machine does not count.
                 expired_s.append(expired["stamp_s"] - suspended_s - expired["details"]["excused_s"])
-                assert not kinds(events, "motion_done"), "it was stopped on its way"
+                assert not kinds(events, "motion_done"), "the arm completed its move"
                 scan = finished(client, answer.headers["Location"])
                 assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
                 wait_until(lambda: client.get("/api/cell").json()["state"] == "fault")
-                time.sleep(0.5)  # were anything to go on by itself, it would by now
+                time.sleep(0.5)  # a move that resumed by itself would have begun by now
                 events = controller.log(since)
                 assert not motion_commands(events)
                 assert not kinds(events, "motion_start", "script_upload")
@@ -69,18 +69,18 @@ def test_the_watchdog_stops_the_arm_and_nothing_goes_on(
 
 
 def wait_until_still(controller: AdminClient, since: int) -> None:
-    """Until the arm has braked to rest."""
+    """Wait until the arm is at rest."""
     until(lambda: bool(kinds(controller.log(since), "still")), 10.0)
 
 
 def wait_for_long_move(controller: AdminClient) -> None:
-    """Until the arm is in the first half of a move that goes on for twice as long as the watchdog waits."""
+    """Wait for a move whose remaining time exceeds twice the timeout of the watchdog."""
 
-    def there() -> bool:
+    def in_long_move() -> bool:
         state = controller.state()
         if not state.moving or state.progress < 0.1:
             return False
         move: dict[str, Any] = kinds(controller.log(max(0, state.events - 20)), "motion_start")[-1]
         return (1 - state.progress) * move["details"]["duration_s"] / TIME_FACTOR > 2 / WATCHDOG_HZ
 
-    wait_until(there)
+    wait_until(in_long_move)

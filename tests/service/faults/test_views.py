@@ -1,4 +1,4 @@
-"""The camera fails, shows nothing, or sees no string: which views are missing is told, and the others are kept."""
+"""The camera fails, delivers blank images or sees no string. Missing views are reported, and the others are kept."""
 
 import json
 import os
@@ -21,10 +21,10 @@ from cell.recording.header import RecordingHeader
 from cell.recording.messages import DEPTH, encode_view
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import rounds
-from tests.service.faults.moves import assert_one_way, now_in
+from tests.service.faults.moves import assert_followed_plan, log_position
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
@@ -32,58 +32,62 @@ Problem = Callable[[httpx2.Response, int, str], str]
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell with a bare table; each test leaves it able to scan."""
+    """A cell with an empty table. Each test leaves it ready to scan."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), scene="empty") as shared:
         yield shared
 
 
-class Looks:
-    """The looks of the cell's camera, counted from 1 in each scan."""
+class Captures:
+    """Runs actions before chosen captures of the cell's camera. Captures are counted from 1 in each scan."""
 
     def __init__(self, cell: LiveCell, monkeypatch: pytest.MonkeyPatch) -> None:
         self._capture = cell.camera.capture
-        self._deeds: dict[int, Callable[[], None]] = {}
+        self._actions: dict[int, Callable[[], None]] = {}
         self._count = 0
-        monkeypatch.setattr(cell.camera, "capture", self._look)
+        monkeypatch.setattr(cell.camera, "capture", self._capture_after_action)
 
-    def before(self, deeds: dict[int, Callable[[], None]]) -> None:
-        """What is done in the next scan before a look, in the thread that has the camera."""
-        self._deeds, self._count = deeds, 0
+    def before(self, actions: dict[int, Callable[[], None]]) -> None:
+        """Set the actions before captures of the next scan, by number. They run in the camera's thread."""
+        self._actions, self._count = actions, 0
 
-    def _look(self, after_s: float, image: bool = False) -> Frame:
+    def _capture_after_action(self, after_s: float, image: bool = False) -> Frame:
         self._count += 1
-        self._deeds.get(self._count, lambda: None)()
+        self._actions.get(self._count, lambda: None)()
         return self._capture(after_s, image)
 
 
 @pytest.fixture
-def looks(cell: LiveCell, monkeypatch: pytest.MonkeyPatch) -> Looks:
-    return Looks(cell, monkeypatch)
+def captures(cell: LiveCell, monkeypatch: pytest.MonkeyPatch) -> Captures:
+    """The captures of the cell's camera."""
+    return Captures(cell, monkeypatch)
 
 
 def views(scan: dict[str, Any], state: str) -> list[dict[str, Any]]:
+    """Return the views of a scan in this state."""
     return [view for view in scan["progress"]["views"] if view["state"] == state]
 
 
-def strict(client: httpx2.Client, path: str) -> Any:
-    """A document without NaN and infinity, which are no JSON."""
+def get_strict_json(client: httpx2.Client, path: str) -> Any:
+    """Get a JSON document and assert that it has no NaN and no infinity."""
 
-    def refused(constant: str) -> None:
-        raise AssertionError(f"{path} holds {constant}")
+    def reject_constant(constant: str) -> None:
+        raise AssertionError(f"{path} contains {constant}")
 
-    return json.loads(client.get(path).content, parse_constant=refused)
+    return json.loads(client.get(path).content, parse_constant=reject_constant)
 
 
-def counted(cell: LiveCell) -> dict[tuple[str, str], float]:
-    """The metrics of views, by name and label."""
-    told = re.findall(r'^pointchain_(views?_\w*total)\{\w+="(\w+)"\} (\S+)', cell.client.get("/metrics").text, re.M)
-    return {(name, label): float(value) for name, label, value in told}
+def view_metrics(cell: LiveCell) -> dict[tuple[str, str], float]:
+    """Return the metrics of views, by name and label."""
+    found = re.findall(r'^pointchain_(views?_\w*total)\{\w+="(\w+)"\} (\S+)', cell.client.get("/metrics").text, re.M)
+    return {(name, label): float(value) for name, label, value in found}
 
 
 @pytest.mark.fault(13)
 @rounds(1, 20)
-def test_a_killed_camera_costs_one_view_at_most(cell: LiveCell, finished: Finished, looks: Looks, count: int) -> None:
-    """It is connected anew in place, once: that one is killed here as well where a view is to be missing."""
+def test_a_killed_camera_loses_at_most_one_view(
+    cell: LiveCell, finished: Finished, captures: Captures, count: int
+) -> None:
+    """The camera is connected again once, at the same viewpoint. A view is missing if that camera is killed too."""
 
     def kill() -> None:
         assert cell.camera.pid is not None
@@ -101,8 +105,8 @@ def test_a_killed_camera_costs_one_view_at_most(cell: LiveCell, finished: Finish
 
     for number in range(count):
         cell.is_well()
-        looks.before({2: kill, 5: kill_twice} if number % 2 else {5: kill_twice})
-        begin = now_in(cell)
+        captures.before({2: kill, 5: kill_twice} if number % 2 else {5: kill_twice})
+        begin = log_position(cell)
         scan = finished(cell.client, cell.start())
         assert scan["state"] == "partial", scan
         assert len(views(scan, "recorded")) == 7
@@ -110,14 +114,14 @@ def test_a_killed_camera_costs_one_view_at_most(cell: LiveCell, finished: Finish
         assert "could not be connected again" in missing["reason"]
         assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == 7
         wait_until(lambda: cell.state()["state"] == "ready")
-        assert_one_way(cell, begin, whole=True)
+        assert_followed_plan(cell, begin, whole=True)
 
 
 @pytest.mark.fault(15)
-def test_images_that_show_nothing_are_missing_views(cell: LiveCell, finished: Finished, looks: Looks) -> None:
+def test_blank_images_are_missing_views(cell: LiveCell, finished: Finished, captures: Captures) -> None:
     cell.is_well()
-    before = counted(cell)
-    looks.before(
+    before = view_metrics(cell)
+    captures.before(
         {
             2: lambda: cell.camera.fault("zero"),
             3: lambda: cell.camera.fault("none"),
@@ -127,7 +131,7 @@ def test_images_that_show_nothing_are_missing_views(cell: LiveCell, finished: Fi
     )
     location = cell.start()
     assert finished(cell.client, location)["state"] == "partial"
-    scan = strict(cell.client, location)
+    scan = get_strict_json(cell.client, location)
     missing = {view["index"]: view["reason"] for view in views(scan, "missing")}
     assert sorted(reason.split(":")[0].split(" (")[0] for reason in missing.values()) == [
         "the depth image has the same depth at all measured pixels",
@@ -135,17 +139,17 @@ def test_images_that_show_nothing_are_missing_views(cell: LiveCell, finished: Fi
     ]
     assert len(views(scan, "recorded")) == 6
     assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == 6
-    warnings = strict(cell.client, scan["links"]["model"])["quality"]["warnings"]
+    warnings = get_strict_json(cell.client, scan["links"]["model"])["quality"]["warnings"]
     for index in missing:
         assert any(f"view {index} is missing" in warning for warning in warnings)
-    strict(cell.client, scan["links"]["grasps"])
-    more = {name: value - before[name] for name, value in counted(cell).items()}
-    assert more["views_total", "recorded"] == 6
-    assert more["views_total", "missing"] == more["view_failures_total", "camera"] == 2
+    get_strict_json(cell.client, scan["links"]["grasps"])
+    increase = {name: value - before[name] for name, value in view_metrics(cell).items()}
+    assert increase["views_total", "recorded"] == 6
+    assert increase["views_total", "missing"] == increase["view_failures_total", "camera"] == 2
 
 
 @pytest.mark.fault(15)
-def test_recorded_images_that_show_nothing_are_left_out_or_refused(
+def test_recorded_blank_images_are_excluded_or_refused(
     cell: LiveCell, finished: Finished, assert_problem: Problem, recording_file: Path, tmp_path: Path
 ) -> None:
     recording, kept = read_recording(recording_file), tmp_path / "kept.mcap"
@@ -159,14 +163,17 @@ def test_recorded_images_that_show_nothing_are_left_out_or_refused(
     answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": uploaded})
     scan = finished(cell.client, answer.headers["Location"])
     assert scan["state"] == "partial", scan
-    used = {view["index"]: view["reason"] for view in strict(cell.client, scan["links"]["model"])["quality"]["views"]}
+    used = {
+        view["index"]: view["reason"]
+        for view in get_strict_json(cell.client, scan["links"]["model"])["quality"]["views"]
+    }
     assert [index for index, reason in used.items() if reason is None] == [0, 2]
     assert used[1] == "no pixel has a depth"
     assert used[3] is not None
     assert used[3].startswith("every pixel has the same depth")
-    strict(cell.client, scan["links"]["self"])
+    get_strict_json(cell.client, scan["links"]["self"])
 
-    # There are NaNs in images of floating point numbers only.
+    # Only images of floating-point numbers can contain NaN.
     nan = tmp_path / "nan.mcap"
     with nan.open("wb") as stream, Writer(stream) as foreign:
         for topic, message in encode_view(recording.views[0], 1):
@@ -179,9 +186,9 @@ def test_recorded_images_that_show_nothing_are_left_out_or_refused(
 
 
 @pytest.mark.fault(14)
-def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Finished, looks: Looks) -> None:
+def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Finished, captures: Captures) -> None:
     cell.is_well()
-    looks.before({3: lambda: cell.camera.fault("zero")})
+    captures.before({3: lambda: cell.camera.fault("zero")})
     scan = finished(cell.client, cell.start())
     assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:insufficient-views")
     assert len(views(scan, "recorded")) == 2
@@ -189,18 +196,18 @@ def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Fini
     wait_until(lambda: cell.state()["state"] != "busy")
     assert cell.state()["problem"] == "urn:pointchain:insufficient-views"
     cell.camera.fault("none")
-    cell.is_well()  # the arm has gone home, and the next scan may be better
+    cell.is_well()  # the arm is at home, and another scan is possible
 
 
 @pytest.mark.fault(16)
-def test_a_bare_table_is_a_result_with_a_reason(cell: LiveCell, finished: Finished) -> None:
+def test_an_empty_table_gives_a_result_with_a_reason(cell: LiveCell, finished: Finished) -> None:
     cell.is_well()
     scan = finished(cell.client, cell.start())
     assert (scan["state"], scan["problem"]) == ("succeeded", None)
     assert scan["summary"]["chains"] == 0
     assert any("no string" in warning for warning in scan["summary"]["warnings"])
-    assert strict(cell.client, scan["links"]["model"])["chains"] == []
-    assert strict(cell.client, scan["links"]["grasps"])["grasps"] == []
+    assert get_strict_json(cell.client, scan["links"]["model"])["chains"] == []
+    assert get_strict_json(cell.client, scan["links"]["grasps"])["grasps"] == []
     for link in scan["links"].values():
         if link is not None and link not in (scan["links"]["reprocess"], scan["links"].get("cancel")):
             assert cell.client.get(link, headers={"Range": "bytes=0-9"}).status_code < 500, link

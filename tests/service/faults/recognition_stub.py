@@ -1,6 +1,7 @@
-"""Replacements of the slow parts of a service, for tests of the parts around them.
+"""Stubs for the slow parts of a service.
 
-Recognition has the same result each time, written as the real one is. Untrusted recordings are read in this process.
+The stub of recognition writes a fixed result in the same way as the real one. Untrusted recordings are read in this
+process.
 """
 
 import errno
@@ -21,8 +22,8 @@ from service.storage.rows import RecordingRow
 PICTURE = b"\x89PNG\r\n\x1a\n of nothing"
 
 
-class PretendedRecognition:
-    """In the place of `service.processing.worker.RecognitionWorker`."""
+class RecognitionStub:
+    """Stub for `service.processing.worker.RecognitionWorker` with a fixed result."""
 
     alive, start_count = True, 1
     not_ready_reason = None
@@ -31,7 +32,7 @@ class PretendedRecognition:
         self._recognition = recognition
 
     def prepare(self) -> None:
-        """There is nothing to start."""
+        """Do nothing: the stub has no process."""
 
     start = kill = close = prepare
 
@@ -43,7 +44,7 @@ class PretendedRecognition:
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
     ) -> Outcome:
-        """Writes the result, at the end of all views."""
+        """Wait for the end of the views, then write the fixed result."""
         for _ in views:
             pass
         for stage in STAGE_START_FRACTION:
@@ -61,14 +62,14 @@ class PretendedRecognition:
         return outcome
 
     def wait_for_preview(self) -> bool:
-        """It is there, or will not be."""
+        """Return True: the preview is already written, or failed."""
         return True
 
 
-def pretended(recording: Path) -> Callable[[], PretendedRecognition]:
-    """What makes one; its result is that of this recording."""
+def stub_factory(recording: Path) -> Callable[[], RecognitionStub]:
+    """Return a factory of stubs whose result is that of this recording."""
     recognition = _recognised(recording)
-    return lambda: PretendedRecognition(recognition)
+    return lambda: RecognitionStub(recognition)
 
 
 @cache
@@ -77,5 +78,5 @@ def _recognised(recording: Path) -> Recognition:
 
 
 def describe_here(recording_id: str, path: Path, sha256: str) -> RecordingRow:
-    """Replacement for `service.processing.upload_sandbox.describe_untrusted_recording` without a process."""
+    """Describe a recording in this process. Stub for `upload_sandbox.describe_untrusted_recording`."""
     return describe_recording(recording_id, path, sha256)
