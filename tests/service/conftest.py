@@ -1,4 +1,4 @@
-"""A real service on a real socket, and a small simulated recording to feed it."""
+"""A real service on a real socket, and a small simulated recording."""
 
 import multiprocessing
 import os
@@ -25,12 +25,12 @@ from service.states import ACTIVE_STATES
 from tests.service.described_answers import check_declared, described_operation
 from tests.service.faults.figures import Figures
 
-# Generous, because it only bounds a hang: a loaded machine may take long to start a process.
+# This only bounds a hang. A busy machine may take long to start a process.
 PATIENCE_S = 120.0
 
 
 class ServedClient(httpx2.Client):
-    """A client, and the application that it speaks to: for what no client can bring about."""
+    """A client with access to the application that it calls."""
 
     def __init__(self, app: FastAPI, port: int) -> None:
         super().__init__(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S)
@@ -39,7 +39,7 @@ class ServedClient(httpx2.Client):
 
     @property
     def recognition_pid(self) -> int:
-        """The process id of this service's recognition: others may have theirs in the same test process."""
+        """Process id of the recognition of this service. Other services may run in the same test process."""
         process = self.app.state.context.jobs._worker._process
         assert process is not None
         assert process.pid is not None
@@ -47,7 +47,7 @@ class ServedClient(httpx2.Client):
 
 
 def check_problem(answer: httpx2.Response) -> None:
-    """A refusal by a described operation is one of the problems that the operation declares."""
+    """Check that a refusal of a described operation has a problem type that the operation declares."""
     if answer.status_code >= 400 and described_operation(answer.request.method, answer.request.url.path):
         answer.read()
         check_declared(answer)
@@ -58,7 +58,7 @@ Serve = Callable[..., AbstractContextManager[ServedClient]]
 
 @pytest.fixture(scope="session")
 def recording_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four noiseless views of one string that lies in an arc."""
+    """Return a recording of four views without noise of one string in an arc."""
     path = tmp_path_factory.mktemp("recording") / "arc.mcap"
     write_simulation(simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4), path)
     return path
@@ -66,12 +66,12 @@ def recording_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def serve() -> Serve:
-    """`serve(data_dir, limits={...})`: a service of this process on a free port, and a client of it."""
+    """`serve(data_dir, limits={...})`: start a service in this process on a free port, and yield a client."""
 
     @contextmanager
     def serving(data_dir: Path, **settings: Any) -> Iterator[ServedClient]:
         app = create_app(ServiceConfig(data_dir=data_dir, **settings))
-        # No log_config: the log goes where pytest looks.
+        # Without log_config, pytest captures the log.
         server = Server(app, port=0, log_level="warning", log_config=None)
         thread = threading.Thread(target=server.run)
         switch_s = sys.getswitchinterval()
@@ -93,7 +93,7 @@ def serve() -> Serve:
 
 @pytest.fixture(scope="session")
 def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
-    """A client of a service that many tests share."""
+    """Yield a client of a service that many tests share."""
     limits = {"request_bytes": 4096, "upload_bytes": 2_000_000}
     with serve(tmp_path_factory.mktemp("data"), limits=limits) as shared:
         yield shared
@@ -101,7 +101,7 @@ def client(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 
 @pytest.fixture
 def recording(client: httpx2.Client, recording_file: Path) -> str:
-    """The id of an uploaded recording."""
+    """Return the id of an uploaded recording."""
     answer = client.post("/api/recordings", content=recording_file.read_bytes())
     assert answer.status_code == 201, answer.text
     return answer.json()["id"]
@@ -109,7 +109,7 @@ def recording(client: httpx2.Client, recording_file: Path) -> str:
 
 @pytest.fixture(scope="session")
 def assert_problem() -> Callable[[httpx2.Response, int, str], str]:
-    """`assert_problem(answer, status, slug)`: the answer is this problem, in full; its detail."""
+    """`assert_problem(answer, status, slug)`: check that the answer is this problem, and return its detail."""
 
     def check(answer: httpx2.Response, status: int, slug: str) -> str:
         assert answer.status_code == status, answer.text
@@ -126,7 +126,7 @@ def assert_problem() -> Callable[[httpx2.Response, int, str], str]:
 
 @pytest.fixture(scope="session")
 def finished() -> Callable[[httpx2.Client, str], dict[str, Any]]:
-    """`finished(client, location)`: the scan's document once its state is final."""
+    """`finished(client, location)`: wait for a final state, and return the document of the scan."""
 
     def wait(client: httpx2.Client, location: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -145,7 +145,7 @@ def finished() -> Callable[[httpx2.Client, str], dict[str, Any]]:
 def scan(
     client: ServedClient, recording_file: Path, finished: Callable[[httpx2.Client, str], dict[str, Any]]
 ) -> dict[str, Any]:
-    """A scan that has succeeded."""
+    """Return the document of an ended replay."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     return finished(client, answer.headers["Location"])
@@ -153,13 +153,13 @@ def scan(
 
 @pytest.fixture
 def figures(request: pytest.FixtureRequest) -> Figures:
-    """What the test measures; its times are asserted where it runs in full."""
+    """Return the figures of the test. Their times are asserted only in a soak test."""
     return Figures(request.node.name, request.node.get_closest_marker("soak") is not None)
 
 
 @pytest.fixture
 def recognition_process(client: ServedClient) -> int:
-    """The process id of the shared service's recognition, once it waits for a task."""
+    """Return the process id of the recognition of the shared service when it waits for a task."""
     # A scan of an earlier test may still be running, or its preview may still be drawn.
     wait_until(lambda: client.app.state.context.jobs.idle)
     for scan in client.get("/api/scans?limit=1").json()["scans"]:
@@ -171,7 +171,7 @@ def recognition_process(client: ServedClient) -> int:
 
 @pytest.fixture
 def held(recognition_process: int) -> Iterator[int]:
-    """The process id of recognition, frozen: a scan stays under way until it is let go or killed."""
+    """Suspend recognition and yield its process id. A scan does not end until the process continues or is killed."""
     os.kill(recognition_process, signal.SIGSTOP)
     yield recognition_process
     if recognition_process in [child.pid for child in multiprocessing.active_children()]:
@@ -179,8 +179,8 @@ def held(recognition_process: int) -> Iterator[int]:
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    """Waits for `condition`; fails when it does not come true."""
+    """Wait until `condition` is true, at most `PATIENCE_S`."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
-        assert time.monotonic() < deadline, "waited too long"
+        assert time.monotonic() < deadline, "timeout"
         time.sleep(0.02)

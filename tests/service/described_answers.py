@@ -1,4 +1,4 @@
-"""Whether an answer is one that the description of the API has."""
+"""Check answers against the OpenAPI document."""
 
 import json
 from pathlib import Path
@@ -20,23 +20,23 @@ OPERATIONS = [
 
 
 def check_described(answer: httpx2.Response) -> None:
-    """Its status and content are described, and a refusal is a problem of a type that we know."""
+    """Check that the document has the status and content type of an answer, and the problem type of a refusal."""
     request = f"{answer.request.method} {answer.request.url.path} gave {answer.status_code}"
     described = _operation(answer.request)["responses"]
-    told = described.get(str(answer.status_code))
-    if told is None:
+    response = described.get(str(answer.status_code))
+    if response is None:
         assert answer.status_code >= 400, f"{request}, which is not described"
-        told = described["default"]
+        response = described["default"]
         assert answer.status_code < 500, f"{request}, which is not described: {answer.text}"
     content = answer.headers.get("content-type", "").partition(";")[0]
-    assert content in told.get("content", {"": {}}), f"{request} as {content!r}"
+    assert content in response.get("content", {"": {}}), f"{request} as {content!r}"
     if answer.status_code >= 400:
         assert content == MEDIA_TYPE, request
         check_declared(answer)
 
 
 def check_declared(answer: httpx2.Response) -> None:
-    """A refusal has a problem type that the operation declares for its status."""
+    """Check that the operation declares the problem type of a refusal for its status."""
     described = _operation(answer.request)["responses"]
     declared = described.get(str(answer.status_code)) or described["default"]
     name = slug(answer) or ""
@@ -52,7 +52,7 @@ def check_declared(answer: httpx2.Response) -> None:
 
 
 def slug(answer: httpx2.Response) -> str | None:
-    """Of the problem; None: the answer is none."""
+    """Return the slug of the problem, or None if the answer is not a problem."""
     if answer.status_code < 400:
         return None
     return answer.json()["type"].removeprefix("urn:pointchain:")
@@ -65,6 +65,6 @@ def _operation(request: httpx2.Request) -> dict[str, Any]:
 
 
 def described_operation(method: str, path: str) -> dict[str, Any] | None:
-    """Return the operation in the description of the API; None where there is none."""
+    """Return the operation in the OpenAPI document, or None if it has none."""
     matching = (operation for name, form, operation in OPERATIONS if name == method and form.match(path))
     return next(matching, None)

@@ -1,4 +1,4 @@
-"""A client of event streams, for tests."""
+"""A client of event streams for tests."""
 
 import json
 from collections.abc import Iterator
@@ -10,8 +10,8 @@ import httpx2
 
 
 @dataclass(frozen=True)
-class Told:
-    """One event as it came."""
+class ReceivedEvent:
+    """An event as it was received."""
 
     kind: str
     id: str
@@ -19,23 +19,23 @@ class Told:
 
 
 @contextmanager
-def following(client: httpx2.Client, path: str, last: int | str | None = None) -> Iterator[Iterator[Told]]:
-    """The events of a stream as they come; behind the event `last`, if given."""
+def open_stream(client: httpx2.Client, path: str, last: int | str | None = None) -> Iterator[Iterator[ReceivedEvent]]:
+    """Yield an iterator over the events of a stream, after the event with the id `last` if it is given."""
     headers = {} if last is None else {"Last-Event-ID": str(last)}
     with client.sse(path, headers=headers) as source:
         assert source.response.status_code == 200, source.response.read()
-        # `retry` alone is no event.
-        yield (Told(one.event, one.id, json.loads(one.data)) for one in source if one.data)
+        # A message with `retry` alone is not an event.
+        yield (ReceivedEvent(one.event, one.id, json.loads(one.data)) for one in source if one.data)
 
 
-def told(client: httpx2.Client, path: str, last: int | str | None = None) -> list[Told]:
-    """All events of a stream that ends."""
-    with following(client, path, last) as events:
+def read_events(client: httpx2.Client, path: str, last: int | str | None = None) -> list[ReceivedEvent]:
+    """Return all events of a stream that ends."""
+    with open_stream(client, path, last) as events:
         return list(events)
 
 
-def folded(events: list[Told]) -> dict[str, Any]:
-    """What a client makes of the events, the first of which is the whole scan: all that events tell of it."""
+def fold_events(events: list[ReceivedEvent]) -> dict[str, Any]:
+    """Return the state that a client derives from events. The first event must have the complete scan."""
     known: dict[str, Any] = {}
     views: dict[int, Any] = {}
     for event in events:

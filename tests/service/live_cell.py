@@ -1,4 +1,4 @@
-"""A service with a simulated cell for tests: the real ur_rtde and depthai, against the virtual controller."""
+"""A service with a simulated cell: the real ur_rtde and depthai with the virtual controller."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ SCAN = {"mode": "live", "string_radius_m": 0.0042}
 
 
 class LiveCell:
-    """A service with a simulated cell, and the way to its controller's faults."""
+    """A service with a simulated cell, and the admin client of its virtual controller."""
 
     def __init__(self, client: ServedClient, host: str) -> None:
         self.client = client
@@ -26,26 +26,26 @@ class LiveCell:
 
     @property
     def settings(self) -> CellSettings:
-        """The service's own."""
+        """Settings of the cell of the service."""
         return self.client.app.state.context.cell.settings
 
     @property
     def camera(self) -> LiveCamera:
-        """The service's own, to let it fail."""
+        """Camera of the service, for injecting faults."""
         return self.client.app.state.context.cell.camera
 
     def start(self, **wanted: Any) -> str:
-        """Starts a live scan; its address."""
+        """Start a live scan and return its address."""
         answer = self.client.post("/api/scans", json=SCAN | wanted)
         assert answer.status_code == 202, answer.text
         return answer.headers["Location"]
 
     def views(self, location: str) -> dict[int, str]:
-        """The state of each viewpoint come to so far."""
+        """Return the state of each viewpoint that was started, by its index."""
         return {view["index"]: view["state"] for view in self.client.get(location).json()["progress"]["views"]}
 
     def wait_for_motion(self, location: str, views: int = 1) -> None:
-        """Until so many views are recorded and the arm is on its way to the next."""
+        """Wait until `views` views are recorded and the arm moves to the next viewpoint."""
 
         def under_way() -> bool:
             states = list(self.views(location).values())
@@ -55,19 +55,19 @@ class LiveCell:
         wait_until(under_way)
 
     def moving(self) -> bool:
-        """The controller's own word."""
+        """Return whether the arm moves, as reported by the controller."""
         return self.controller.state().moving
 
     def events(self, *kinds: str, after_s: float = 0.0) -> list[dict[str, Any]]:
-        """What the controller has noted of these kinds."""
+        """Return the events of these kinds in the log of the controller, later than `after_s` (monotonic seconds)."""
         return [event for event in self.controller.log() if event["kind"] in kinds and event["stamp_s"] > after_s]
 
     def state(self) -> dict[str, Any]:
-        """The cell's document."""
+        """Return the document of the cell."""
         return self.client.get("/api/cell").json()
 
     def is_well(self) -> None:
-        """Can scan again; what is under way, and be it the way home, is waited for."""
+        """Wait for the end of the current job and of the move home, and check that the cell connects."""
         wait_until(lambda: self.state()["state"] != "busy")
         answer = self.client.post("/api/cell/connect")
         assert answer.status_code == 200, answer.text
@@ -78,9 +78,9 @@ class LiveCell:
 def live_cell(
     serve: Serve, data: Path, time_factor: float = 20.0, scene: str = "figure-eight", **settings: Any
 ) -> Iterator[LiveCell]:
-    """A service with a quick simulated cell at an address of its own."""
+    """Yield a service with a fast simulated cell at a free loopback address."""
     host = free_host()
-    # A busy machine may keep a thread of ours waiting for longer than the default watchdog does.
+    # On a busy machine, a thread may wait for longer than the default timeout of the watchdog.
     arm = SimulatedArm(host=host, time_factor=time_factor, watchdog_hz=1.0)
     with serve(data, arm=arm, camera=SimulatedCamera(model="ideal", scene=scene, **FAST), **settings) as client:
         cell = LiveCell(client, host)

@@ -1,4 +1,4 @@
-"""A service in a process of its own, for tests that end it."""
+"""A service in a separate process, for tests that end it."""
 
 import os
 import re
@@ -17,7 +17,7 @@ SERVE = "import sys; from service.cli.main import main; sys.exit(main(['serve', 
 
 @contextmanager
 def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subprocess.Popen[bytes], httpx2.Client]]:
-    """A service in a process of its own."""
+    """Start a service in a separate process, and yield the process and a client."""
     environment = os.environ | {"POINTCHAIN_DATA_DIR": str(data_dir), "POINTCHAIN_PORT": "0"} | variables
     with log.open("wb") as output:
         running = subprocess.Popen(
@@ -35,7 +35,7 @@ def process(data_dir: Path, log: Path, **variables: str) -> Iterator[tuple[subpr
 
 
 def answers(client: httpx2.Client) -> bool:
-    """Whether the service does: its port may be there before it is."""
+    """Return whether the service answers. Its port may be open before that."""
     try:
         return client.get("/api/scans?limit=1").status_code == 200
     except httpx2.TransportError:

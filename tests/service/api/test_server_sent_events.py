@@ -19,7 +19,7 @@ from service.jobs.submission import NOBODY, new_scan
 from service.security.auth.tokens import TOKENS_FILE, add_token, read_tokens, remove_token
 from service.server import uvicorn_server
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
-from tests.service.following import folded, following, told
+from tests.service.following import fold_events, open_stream, read_events
 
 SLOTS = 4
 STALLED_S = 1.0
@@ -94,9 +94,9 @@ def test_a_stream_beyond_the_limit_is_refused_until_a_slot_is_free(
 ) -> None:
     path = f"/api/scans/{scan}/events"
     with ExitStack() as streams_open:
-        streams = [streams_open.enter_context(following(quick, path)) for _ in range(SLOTS - 1)]
+        streams = [streams_open.enter_context(open_stream(quick, path)) for _ in range(SLOTS - 1)]
         assert [next(events).kind for events in streams] == ["scan"] * (SLOTS - 1)
-        with following(quick, "/api/events") as last:
+        with open_stream(quick, "/api/events") as last:
             next(last)
             assert service.streams.open == SLOTS
             for one in (path, "/api/events"):
@@ -105,7 +105,7 @@ def test_a_stream_beyond_the_limit_is_refused_until_a_slot_is_free(
                 assert int(answer.headers["retry-after"]) > 0
             assert quick.get("/api/scans").status_code == 200  # other requests still work
         wait_until(lambda: service.streams.open == SLOTS - 1)
-        with following(quick, path) as another:
+        with open_stream(quick, path) as another:
             assert next(another).kind == "scan"
     assert_problem(quick.get("/api/scans/no-such/events"), 404, "scan-not-found")
     assert_problem(quick.get(path, headers={"Last-Event-ID": "1000000"}), 422, "event-unknown")
@@ -133,7 +133,7 @@ def test_a_client_that_does_not_read_is_dropped_and_delays_no_other(
 ) -> None:
     path = f"/api/scans/{scan}/events"
     with stalled_client(quick, path), stalled_client(quick, path), ThreadPoolExecutor(1) as pool:
-        reading = pool.submit(told, quick, path)
+        reading = pool.submit(read_events, quick, path)
         wait_until(lambda: service.streams.open == 3)
         backlogs = list(service.store.events.hub._subscribers)
         for number in range(PIECES):
@@ -141,7 +141,7 @@ def test_a_client_that_does_not_read_is_dropped_and_delays_no_other(
         assert quick.post("/api/cell/stop").status_code == 200
         end(service, scan)
         # a client that reads gets the end while the others read nothing
-        assert folded(reading.result(PATIENCE_S))["state"] == "aborted"
+        assert fold_events(reading.result(PATIENCE_S))["state"] == "aborted"
         assert all(len(backlog._waiting) <= MAX_BACKLOG + 1 for backlog in backlogs)
         wait_until(lambda: service.streams.open == 0)
 
@@ -163,7 +163,7 @@ def publish_beyond_backlog(service: Context, scan: str) -> None:
 
 def test_a_slow_client_gets_a_resync(quick: ServedClient, service: Context, scan: str) -> None:
     path = f"/api/scans/{scan}/events"
-    with following(quick, path) as events:
+    with open_stream(quick, path) as events:
         begin = next(events)
         service.store.scans.set_view(scan, 0, "recorded")
         change = next(events)
@@ -181,7 +181,7 @@ def test_a_slow_client_gets_a_resync(quick: ServedClient, service: Context, scan
         "state",
     ]
     assert int(again.id) == int(change.id) + 3 * MAX_BACKLOG
-    assert folded([again, *rest]) == folded([begin, change, *rest]) == folded(told(quick, path))
+    assert fold_events([again, *rest]) == fold_events([begin, change, *rest]) == fold_events(read_events(quick, path))
 
 
 def test_keep_alive_comments_are_sent(
@@ -198,7 +198,7 @@ def test_keep_alive_comments_are_sent(
 def test_all_events_have_the_cell_and_a_resync_after_too_many_changes(
     quick: ServedClient, service: Context, scan: str
 ) -> None:
-    with following(quick, "/api/events") as events:
+    with open_stream(quick, "/api/events") as events:
         first = next(events)
         service.cell._status.change(state="fault", slug="robot-lost", reason="gone")
         service.cell._status.change(arm=None)  # not an event

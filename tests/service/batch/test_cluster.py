@@ -17,7 +17,7 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """Address of a cluster with one worker."""
+    """Yield the address of a cluster with one worker."""
     cluster = LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0")
     with cluster:
         yield cluster.scheduler_address

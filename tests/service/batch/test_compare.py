@@ -25,7 +25,7 @@ ERROR: Document = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:n
 
 @pytest.fixture(scope="module")
 def knot() -> Document:
-    """A model of an overhand knot: one chain, three crossings."""
+    """Return the model of an overhand knot: one chain, three crossings."""
     scan = simulate(make_scene("overhand-knot", 3), camera_model("ideal", (640, 400)), 3)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene, "graph").model

@@ -30,7 +30,7 @@ POINTCHAIN = (sys.executable, "-c", "import sys; from service.cli.main import ma
 
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with recordings of different scenes, one of them in a subfolder, and a damaged one."""
+    """Return a folder with recordings of different scenes, one of them in a subfolder, and a damaged one."""
     folder = tmp_path_factory.mktemp("batch")
     (folder / "deeper").mkdir()
     for seed in range(RECORDINGS):
@@ -43,7 +43,7 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def one_by_one(batch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Output of a run in this process alone."""
+    """Return the output of a run in this process alone."""
     out = tmp_path_factory.mktemp("out") / "one.jsonl"
     assert main(["recognise", str(batch), "--out", str(out)]) == 1, "one recording is damaged"
     return out

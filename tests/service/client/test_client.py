@@ -75,7 +75,7 @@ def test_refusals_and_failures_have_a_reason(planner: Client, recording: str, he
     assert failed.value.scan.state == "aborted"
 
 
-def test_without_a_stream_it_looks_now_and_then(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
+def test_without_a_stream_the_client_polls(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
     with serve(tmp_path / "data", limits={"event_streams": 1}) as service, Client(str(service.base_url)) as planner:
         uploaded = planner.upload(recording_file)
         assert uploaded.name == recording_file.name

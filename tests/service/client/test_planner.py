@@ -12,7 +12,7 @@ from service.client import Client, ScanFailedError, ScanProgress
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 README = (Path(__file__).resolve().parents[3] / "README.md").read_text()
 
@@ -23,13 +23,13 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
         yield shared
 
 
-def test_the_planner_of_the_readme(cell: LiveCell, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_planner_of_the_readme_runs(cell: LiveCell, capsys: pytest.CaptureFixture[str]) -> None:
     (program,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     namespace: dict[str, object] = {}
     exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), namespace)
     output = capsys.readouterr().out
     assert "ScanProgress(state='scanning'" in output
-    assert "chain 0 over chain 0, gap 0.00" in output  # the default scene's one crossing
+    assert "chain 0 over chain 0, gap 0.00" in output  # the only crossing of the default scene
     model = namespace["model"]
     assert isinstance(model, PointChainModel)
     assert model.grasps[0].T_base_grasp.shape == (4, 4)

@@ -25,7 +25,7 @@ from service.storage.rows import insert
 from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.recognition_stub import stub_factory
-from tests.service.following import folded, told
+from tests.service.following import fold_events, read_events
 from tests.service.live_cell import live_cell
 
 pytestmark = [pytest.mark.fault(23), pytest.mark.xdist_group("cell")]
@@ -186,7 +186,7 @@ def test_a_scan_succeeds_after_a_clock_step(
         scan = finished(cell.client, location)
         assert scan["state"] == "succeeded", scan["problem"]
         assert len(cell.views(location)) == 3
-        assert folded(told(cell.client, f"{location}/events"))["state"] == "succeeded"
+        assert fold_events(read_events(cell.client, f"{location}/events"))["state"] == "succeeded"
         listed = cell.client.get("/api/scans").json()["scans"]
         assert [one["id"] for one in listed] == [scan["id"], first["id"]]
         assert cell.client.get(f"/api/scans?before={scan['id']}").json()["scans"] == [listed[1]]

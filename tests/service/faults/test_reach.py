@@ -9,7 +9,7 @@ import pytest
 
 from tests.service.conftest import Serve
 from tests.service.faults.moves import assert_followed_plan, events_since, log_position
-from tests.service.following import told
+from tests.service.following import read_events
 from tests.service.live_cell import SCAN, live_cell
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
@@ -49,7 +49,7 @@ def test_unreachable_viewpoints_are_refused_or_left_missing(
         warnings = cell.client.get(scan["links"]["model"]).json()["quality"]["warnings"]
         assert all(any(f"view {index} is missing" in warning for warning in warnings) for index in missing)
         # The missing views were reported before the first move.
-        events = [event.data["data"] for event in told(cell.client, f"{location}/events", 0) if event.kind == "view"]
+        events = [event.data["data"] for event in read_events(cell.client, f"{location}/events", 0) if event.kind == "view"]
         assert [event["index"] for event in events[: len(missing)]] == sorted(missing)
         assert events[len(missing)]["state"] == "moving"
         assert_followed_plan(cell, begin)

@@ -168,7 +168,7 @@ def test_an_unreadable_calibration_keeps_its_folder(data: Data) -> None:
 
 @pytest.fixture
 def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
-    """The data folder on a disk that is mounted read-only."""
+    """Yield the data folder on a disk that is mounted read-only."""
     folder = tmp_path / "disk"
     folder.mkdir()
     try:
@@ -199,7 +199,7 @@ def test_a_read_only_disk_is_not_a_damaged_database(read_only_disk: Data) -> Non
 
 
 def test_a_database_that_cannot_be_opened_is_not_repaired(data: Data) -> None:
-    """Put a folder in place of the log, which nobody can open. This acts like missing permissions."""
+    """Put a folder in place of the log, so that it cannot be opened. This acts like missing permissions."""
     database = data.root / "pointchain.sqlite3"
     with closing(sqlite3.connect(database)) as db:
         db.execute("PRAGMA wal_checkpoint(TRUNCATE)")

@@ -33,7 +33,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def document(recording: Path) -> dict[str, Any]:
-    """A model of several strings. The first is marked as closed."""
+    """Return a model of several strings. The first is marked as closed."""
     model = json.loads(json.dumps(recognise_recording(recording).model.to_json()))
     assert len(model["chains"]) >= 2
     assert model["crossings"]

@@ -20,13 +20,13 @@ from tests.cell.bag.bags import KINDS, Kind, Recorded, one_image_each, write_bag
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    """A crossing, seen from four sides by a noisy camera with wrong poses."""
+    """Return a scan of a crossing from four sides by a noisy camera with wrong poses."""
     return simulate(make_scene("loop", 2), camera_model("oak-d-pro", (320, 200)), 2, views=4)
 
 
 @pytest.fixture(scope="module")
 def model(scan: SimulatedScan, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Model of the recording that was written without a bag."""
+    """Return the model of the recording that was written without a bag."""
     path = tmp_path_factory.mktemp("twin") / "twin.mcap"
     write_simulation(scan, path)
     return model_of(path)

@@ -25,13 +25,13 @@ Points = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    """A crossing, seen from eight sides without noise."""
+    """Return a scan of a crossing from eight sides without noise."""
     return simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 2, NO_ERRORS)
 
 
 @pytest.fixture(scope="module")
 def clouds(scan: SimulatedScan) -> list[Points]:
-    """The points of each view, base frame."""
+    """Return the points (N, 3) of each view, base frame."""
     return [deproject(view, *np.nonzero(view.depth)) for view in scan.views]
 
 
@@ -110,7 +110,7 @@ def test_a_merged_file_without_viewpoint_numbers_gives_the_strings(
     assert checked_distance_m(out, scan) < 2e-4
 
 
-def test_hidden_points_are_not_seen(tmp_path: Path) -> None:
+def test_hidden_points_are_not_visible(tmp_path: Path) -> None:
     """Put a plate above the table, which hides the table below it from each viewpoint."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(-0.2, 0.2, 0.002), np.arange(-0.2, 0.2, 0.002)))
     table = np.column_stack([x, y, np.zeros_like(x)])

@@ -23,7 +23,7 @@ Change = Callable[[Path], object]
 
 @pytest.fixture(scope="module")
 def twin(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording of a crossing, seen from four sides by a noisy camera with wrong poses."""
+    """Return a recording of a crossing from four sides by a noisy camera with wrong poses."""
     path = tmp_path_factory.mktemp("twin") / "twin.mcap"
     write_simulation(simulate(make_scene("loop", 2), camera_model("oak-d-pro", (320, 200)), 2, views=4), path)
     return path
@@ -65,7 +65,7 @@ def hand_eye(folder: Path, recording: Recording) -> str:
 
 
 def assert_same_numbers(a: Any, b: Any) -> None:
-    """Two documents are the same, but for one unit in the last digit that the document has (a micrometre)."""
+    """Check that two documents are equal up to one unit in their last digit (a micrometre)."""
     if isinstance(a, dict):
         assert isinstance(b, dict)
         assert a.keys() == b.keys()
@@ -114,7 +114,7 @@ def test_camera_poses_give_the_same_points(twin: Path, recording: Recording, tmp
         np.testing.assert_array_equal(view.depth, wanted.depth)
         np.testing.assert_allclose(view.T_base_camera, wanted.T_base_camera, rtol=0, atol=1e-14)
     imported, original = document(out), document(twin)
-    # The poses differ in the last bit, by which a number at the edge of rounding gets another last digit.
+    # The poses differ in the last bit, which may change the rounding of a number.
     assert_same_numbers(imported["chains"], original["chains"])
     assert_same_numbers(imported["crossings"], original["crossings"])
 

@@ -1,4 +1,4 @@
-"""Calibrating over HTTP: the simulated cell looks at its board, and the result becomes the calibration in use."""
+"""Calibration over HTTP: the simulated cell captures its board, and the result becomes the active calibration."""
 
 import json
 import time
@@ -14,7 +14,7 @@ from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
@@ -24,20 +24,21 @@ RUNS = "/api/calibration/runs"
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell that many tests share; each leaves it without a fault."""
+    """Yield a cell that the tests of this module share. Each test leaves it without a fault."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=50.0) as shared:
         yield shared
 
 
-def begin(cell: LiveCell, path: str = RUNS, **wanted: Any) -> str:
-    answer = cell.client.post(path, json=wanted) if path == RUNS else cell.client.post(path)
+def begin(cell: LiveCell, path: str = RUNS, **body: Any) -> str:
+    """Start a calibration or a verification, which must be accepted, and return its address."""
+    answer = cell.client.post(path, json=body) if path == RUNS else cell.client.post(path)
     assert answer.status_code == 202, answer.text
     return answer.headers["Location"]
 
 
 @pytest.fixture(scope="module")
 def calibrated(cell: LiveCell, finished: Finished) -> dict[str, Any]:
-    """A run that has ended; its result is not in use."""
+    """Return the document of a succeeded run whose result is not active."""
     before = cell.client.get("/api/calibration").json()
     assert (before["active_run"], before["reason"]) == (None, None)
     location = begin(cell, poses=12)
@@ -47,17 +48,17 @@ def calibrated(cell: LiveCell, finished: Finished) -> dict[str, Any]:
     return run
 
 
-def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, calibrated: dict[str, Any]) -> None:
+def test_a_run_reports_its_views_and_finds_the_true_mounting(cell: LiveCell, calibrated: dict[str, Any]) -> None:
     assert (calibrated["kind"], calibrated["poses"], calibrated["problem"]) == ("calibration", 12, None)
     assert calibrated["board"]["kind"] == "charuco"
     assert calibrated["progress"]["fraction"] == 1.0
     assert calibrated["progress"]["coverage"] > 0.3
     views = calibrated["progress"]["views"]
-    assert len(views) == 14  # two more verify
+    assert len(views) == 14  # two more for the verification
     for view in views:
         assert (view["state"], view["reason"], view["board_corners"]) == ("recorded", None, 48)
         assert view["corners"] > 24
-        # The simulated camera's corners are exact to a tenth of a pixel.
+        # The corners of the simulated camera are exact to a tenth of a pixel.
         assert 0 < view["rms_px"] < 0.3
         assert view["cells"] == sorted(set(view["cells"]))
     cells = {cell for view in views for cell in view["cells"]}
@@ -70,7 +71,7 @@ def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, cal
     assert len(result["views"]) == 12
     T = from_quaternion(result["T_flange_camera"]["xyz_m"], result["T_flange_camera"]["quat_xyzw"], "the result")
     off = inverse(T_FLANGE_CAMERA) @ T
-    # Four sigmas of what it says of itself, all axes together.
+    # Four of the reported standard deviations, all axes together.
     assert np.linalg.norm(off[:3, 3]) < 4 * result["metrics"]["sigma_m"]
     assert rotation_angle(off) < 4 * result["metrics"]["sigma_rad"]
     assert result["metrics"]["sigma_m"] < 0.001
@@ -78,7 +79,7 @@ def test_a_run_tells_what_it_saw_and_gives_the_true_mounting(cell: LiveCell, cal
     assert len(calibrated["verification"]["views"]) == 2
 
 
-def test_what_is_activated_is_in_use_and_verified(
+def test_an_activated_result_is_in_use_and_can_be_verified(
     cell: LiveCell, calibrated: dict[str, Any], finished: Finished, assert_problem: Problem
 ) -> None:
     before = cell.client.get("/api/calibration").json()["calibration"]
@@ -110,11 +111,11 @@ def test_what_is_activated_is_in_use_and_verified(
     assert recording["provenance"]["calibration_sha256"] == in_use["sha256"]
     answer = cell.client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
     assert finished(cell.client, answer.headers["Location"])["state"] == "succeeded"
-    assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay is no scan"
+    assert cell.client.get("/api/calibration").json()["calibration"]["drift"]["scans"] == 1, "a replay does not count"
     assert cell.state()["warnings"] == []
 
 
-def test_a_verification_that_fails_is_told_of_until_there_is_another(
+def test_a_failed_verification_is_a_warning_until_another_calibration_is_active(
     cell: LiveCell, calibrated: dict[str, Any], finished: Finished
 ) -> None:
     assert cell.client.post(calibrated["links"]["activate"]).status_code == 200
@@ -133,7 +134,7 @@ def test_a_verification_that_fails_is_told_of_until_there_is_another(
     assert cell.state()["warnings"] == []
 
 
-def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(cell: LiveCell, finished: Finished) -> None:
+def test_a_folder_that_cannot_be_created_fails_the_run_before_the_arm_moves(cell: LiveCell, finished: Finished) -> None:
     kept = cell.settings.hand_eye.folder
     assert kept is not None
     runs, aside = kept / "runs", kept / "aside"
@@ -152,7 +153,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(cell: LiveCe
     assert cell.events("motion_start", after_s=before) == []
 
 
-def test_a_cell_that_was_not_ready_for_want_of_a_calibration_tells_that_there_is_another(
+def test_a_cell_without_a_calibration_reports_that_one_was_activated(
     cell: LiveCell, calibrated: dict[str, Any]
 ) -> None:
     active = cell.settings.hand_eye.active_file

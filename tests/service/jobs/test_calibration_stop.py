@@ -1,4 +1,4 @@
-"""Stopping calibrations over HTTP: the arm stops and stays, and nothing else runs meanwhile."""
+"""Cancel and stop calibrations over HTTP: the arm stops and does not move again. Other requests are refused."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ import pytest
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
@@ -20,7 +20,7 @@ RUNS = "/api/calibration/runs"
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell slow enough to be caught in motion; each test leaves it able to work."""
+    """Yield a cell that moves slowly enough for a request during a move. Each test leaves it ready."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), time_factor=5.0) as shared:
         yield shared
 
@@ -31,18 +31,18 @@ def begin(cell: LiveCell) -> str:
     return answer.headers["Location"]
 
 
-def test_cancel_stops_the_arm_and_keeps_the_pictures(
+def test_a_cancel_stops_the_arm_and_keeps_the_images(
     cell: LiveCell, finished: Finished, assert_problem: Problem
 ) -> None:
     location = begin(cell)
     assert cell.state()["state"] == "busy"
-    for path, wanted in (
+    for path, body in (
         ("/api/scans", SCAN),
         (RUNS, {}),
         ("/api/calibration/verify", None),
         ("/api/cell/release", None),
     ):
-        answer = cell.client.post(path, json=wanted)
+        answer = cell.client.post(path, json=body)
         assert "calibration" in assert_problem(answer, 409, "cell-busy")
         assert answer.headers["Location"] == location
     assert_problem(cell.client.post(f"{location}/activate"), 409, "cell-busy")
@@ -52,7 +52,9 @@ def test_cancel_stops_the_arm_and_keeps_the_pictures(
     assert answer.json()["state"] == "aborted", answer.text
     assert answer.json()["problem"]["type"] == "urn:pointchain:aborted"
     views = answer.json()["progress"]["views"]
-    assert views[-1]["state"] == "missing" or [view["state"] for view in views].count("missing") == 1, "under way"
+    assert views[-1]["state"] == "missing" or [view["state"] for view in views].count("missing") == 1, (
+        "only the view that was being captured may be missing"
+    )
     for view in views:
         assert (view["image"] is None) == (view["state"] == "missing")
         if view["image"] is not None:
@@ -68,7 +70,7 @@ def test_cancel_stops_the_arm_and_keeps_the_pictures(
     cell.is_well()
 
 
-def test_stop_aborts_a_calibration_and_the_next_scan_sees_the_strings(
+def test_a_stop_aborts_a_calibration_and_the_next_scan_succeeds(
     cell: LiveCell, finished: Finished, assert_problem: Problem
 ) -> None:
     location = begin(cell)

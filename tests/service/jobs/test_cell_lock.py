@@ -1,4 +1,4 @@
-"""The cell lock: who acquires it, what a refusal says, and that closing it loses no job."""
+"""The cell lock: one job at a time, the content of a refusal, and closing without losing a job."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -27,7 +27,7 @@ def refusal(lock: CellLock) -> ServiceError:
 
 
 @pytest.mark.parametrize(("job", "kind"), [(scan(), "scan"), (calibration(), "calibration")])
-def test_second_request_is_refused_with_the_running_job(
+def test_a_second_request_is_refused_with_the_running_job(
     job: Job, kind: JobKind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 0.01)
@@ -52,7 +52,7 @@ def test_second_request_is_refused_with_the_running_job(
         pass
 
 
-def test_request_during_preparation_waits_for_the_job_to_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_request_during_a_preparation_waits_for_the_name_of_the_job(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 60.0)
     lock, job = CellLock(), scan()
     with ThreadPoolExecutor(1) as pool:
@@ -62,7 +62,7 @@ def test_request_during_preparation_waits_for_the_job_to_name(monkeypatch: pytes
         assert second.result().job == job.reference
 
 
-def test_failed_write_leaves_the_lock_free() -> None:
+def test_a_failed_write_leaves_the_lock_free() -> None:
     lock, begun = CellLock(), []
 
     def full() -> None:
@@ -75,7 +75,7 @@ def test_failed_write_leaves_the_lock_free() -> None:
         pass
 
 
-def test_closed_lock_accepts_no_job() -> None:
+def test_a_closed_lock_accepts_no_job() -> None:
     lock = CellLock()
 
     def prepare() -> None:
@@ -89,7 +89,7 @@ def test_closed_lock_accepts_no_job() -> None:
     assert (lock.job, lock.closed, refusal(lock).slug) == (None, True, "not-ready")
 
 
-def test_cell_error_while_closing_is_reported_as_not_ready() -> None:
+def test_a_cell_error_during_closing_is_reported_as_not_ready() -> None:
     lock = CellLock()
 
     def prepare() -> None:

@@ -15,7 +15,7 @@ from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
@@ -23,12 +23,12 @@ Problem = Callable[[httpx2.Response, int, str], str]
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell that many tests share; each leaves it without a fault."""
+    """Yield a cell that the tests of this module share. Each test leaves it without a fault."""
     with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
         yield shared
 
 
-def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
+def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
     cell: LiveCell, finished: Finished, tmp_path: Path
 ) -> None:
     location = cell.start()
@@ -46,7 +46,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
 
     recording = cell.client.get(f"/api/recordings/{scan['recording']}").json()
     assert recording["views"] == 8
-    assert recording["created_at"] == scan["created_at"]  # so that people can tell which scan it is of
+    assert recording["created_at"] == scan["created_at"]  # so that a person recognises its scan
     assert recording["missing"] == []
     assert scan["calibration_sha256"] == recording["provenance"]["calibration_sha256"] is not None
     content = cell.client.get(scan["links"]["recording"]).content
@@ -72,7 +72,7 @@ def test_a_live_scan_gives_the_true_model_and_replays_to_the_same(
     assert replayed == model
 
 
-def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
+def test_the_cell_reports_its_devices(cell: LiveCell) -> None:
     wait_until(lambda: cell.state()["state"] != "busy")  # the arm is home
     cell.is_well()
     assert cell.client.post("/api/viewpoints/plan").status_code == 200
@@ -86,19 +86,19 @@ def test_the_cell_tells_what_it_is_made_of(cell: LiveCell) -> None:
     assert state["viewpoints"] == {"planned": 8, "reachable": 8, "unreachable": [], "warning": None}
 
 
-def test_while_one_scan_runs_a_second_is_told_which(
+def test_a_request_during_a_scan_is_refused_with_that_scan(
     cell: LiveCell, assert_problem: Problem, finished: Finished
 ) -> None:
     location = cell.start()
-    assert cell.state()["state"] == "busy"  # from its acceptance on, though the arm may not move yet
-    for path, wanted in (("/api/scans", SCAN), ("/api/cell/release", None)):
-        answer = cell.client.post(path, json=wanted)
+    assert cell.state()["state"] == "busy"  # from the acceptance, even if the arm does not move yet
+    for path, body in (("/api/scans", SCAN), ("/api/cell/release", None)):
+        answer = cell.client.post(path, json=body)
         assert_problem(answer, 409, "cell-busy")
         assert answer.headers["Location"] == location
     assert finished(cell.client, location)["state"] == "succeeded"
 
 
-def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveCell) -> None:
+def test_a_recorded_view_is_available_while_the_arm_moves(cell: LiveCell) -> None:
     location = cell.start()
     cell.wait_for_motion(location)
     first = cell.client.get(f"{location}/views").json()["views"][0]
@@ -109,19 +109,19 @@ def test_what_the_camera_saw_can_be_looked_at_while_the_arm_moves_on(cell: LiveC
     assert first["width"] == 640
     assert cell.client.post(f"{location}/cancel").status_code == 200
     wait_until(lambda: cell.client.get(location).json()["state"] == "aborted")
-    # Its recording is ended now, and the view is what it was.
+    # The recording is complete now, and the view is unchanged.
     assert cell.client.get(f"{location}/views").json()["views"][0] == first
     again = cell.client.get(first["image"], headers={"If-None-Match": picture.headers["ETag"]})
     assert again.status_code == 304
     cell.is_well()
 
 
-def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: LiveCell, finished: Finished) -> None:
+def test_a_released_arm_accepts_other_programs_until_the_next_scan(cell: LiveCell, finished: Finished) -> None:
     location = cell.start()
     assert finished(cell.client, location)["state"] == "succeeded"
     if (state := cell.state())["state"] == "busy":
         assert "returns home" in state["reason"]
-    # Asked for on the way home, it waits for the arm to get there.
+    # A release during the move home waits for the end of the move.
     begin = time.monotonic()
     answer = cell.client.post("/api/cell/release")
     assert (answer.status_code, answer.json()["state"]) == (200, "not_ready"), answer.text
@@ -133,7 +133,7 @@ def test_a_released_arm_is_free_for_other_programs_until_the_next_scan(cell: Liv
     assert finished(cell.client, cell.start())["state"] == "succeeded"
 
 
-def test_the_plan_is_shown_before_anything_is_connected(serve: Serve, tmp_path: Path) -> None:
+def test_the_plan_is_available_before_a_device_is_connected(serve: Serve, tmp_path: Path) -> None:
     with live_cell(serve, tmp_path / "data") as cell:
         plan = cell.client.post("/api/viewpoints/plan", json={"views": 4}).json()
         assert [viewpoint["reason"] for viewpoint in plan["viewpoints"]] == [None] * 4

@@ -1,4 +1,4 @@
-"""Live scans over HTTP whose calibration or recognition fails them: what is refused, and what is kept."""
+"""Live scans over HTTP with an invalid calibration or a hanging recognition: refusals, and the views that are kept."""
 
 import os
 import signal
@@ -16,18 +16,18 @@ from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]
 
 RECOGNITION_S = 10.0
-"""As a limit. A good scan takes a fraction of it, on a busy machine too."""
+"""Time limit of recognition, seconds. A good scan takes a fraction of it, even on a busy machine."""
 
 
 @pytest.fixture(scope="module")
 def hand_eye(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The calibration file of the shared cell."""
+    """Return the calibration file of the shared cell."""
     file = tmp_path_factory.mktemp("calibration") / "hand_eye.json"
     write_hand_eye(file, T_FLANGE_CAMERA, created=datetime.now(UTC))
     return file
@@ -35,7 +35,7 @@ def hand_eye(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def cell(serve: Serve, hand_eye: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell slow enough to be caught in motion; each test leaves it able to scan."""
+    """Yield a cell that moves slowly enough for an action during a move. Each test leaves it ready to scan."""
     data, limits = tmp_path_factory.mktemp("data"), {"recognition_s": RECOGNITION_S}
     with live_cell(serve, data, time_factor=5.0, hand_eye={"file": hand_eye}, limits=limits) as shared:
         yield shared
@@ -43,21 +43,21 @@ def cell(serve: Serve, hand_eye: Path, tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture
 def calibrated(hand_eye: Path) -> Iterator[Path]:
-    """The calibration file, to do with it what one likes."""
+    """Yield the calibration file, which the test may change, and restore it afterwards."""
     content = hand_eye.read_bytes()
     yield hand_eye
     hand_eye.write_bytes(content)
 
 
-def taken(cell: LiveCell, scan: dict[str, Any]) -> int:
-    """How many views the scan tells, and its recording holds."""
+def recorded_views(cell: LiveCell, scan: dict[str, Any]) -> int:
+    """Return the number of recorded views of the scan, and check that its recording has as many."""
     count = [view["state"] for view in scan["progress"]["views"]].count("recorded")
     assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == count
     return count
 
 
 @pytest.mark.fault(17)
-def test_a_missing_or_old_calibration_is_refused_before_anything_moves(
+def test_a_missing_or_old_calibration_is_refused_before_the_arm_moves(
     cell: LiveCell, calibrated: Path, assert_problem: Problem
 ) -> None:
     before, scans = time.monotonic(), cell.client.get("/api/scans").json()
@@ -73,7 +73,7 @@ def test_a_missing_or_old_calibration_is_refused_before_anything_moves(
 
 
 @pytest.mark.fault(17)
-def test_a_calibration_that_changes_during_the_scan_fails_it(
+def test_a_change_of_the_calibration_during_a_scan_fails_the_scan(
     cell: LiveCell, calibrated: Path, finished: Finished
 ) -> None:
     location = cell.start()
@@ -84,15 +84,15 @@ def test_a_calibration_that_changes_during_the_scan_fails_it(
     scan = finished(cell.client, location)
     assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:calibration")
     assert not cell.moving()
-    assert 1 <= taken(cell, scan) < 8
+    assert 1 <= recorded_views(cell, scan) < 8
 
 
-def test_recognition_that_hangs_is_ended_and_the_views_are_kept(cell: LiveCell, finished: Finished) -> None:
+def test_a_hanging_recognition_is_killed_and_the_views_are_kept(cell: LiveCell, finished: Finished) -> None:
     location = cell.start()
     cell.wait_for_motion(location)
     recognition = cell.client.recognition_pid
     os.kill(recognition, signal.SIGSTOP)
     scan = finished(cell.client, location)
     assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:recognition-timeout")
-    assert taken(cell, scan) == 8
-    assert cell.state()["state"] == "ready"  # home, and not stopped for it
+    assert recorded_views(cell, scan) == 8
+    assert cell.state()["state"] == "ready"  # the arm is at home and was not stopped

@@ -1,4 +1,4 @@
-"""Many live scans in a row: every one succeeds, nothing grows, and nothing is left behind."""
+"""Many live scans in a row: each succeeds, memory does not grow, and no process or port is left."""
 
 import os
 import socket
@@ -12,14 +12,14 @@ from tests.cell.loopback import free_host
 from tests.processes import children, rss_bytes, state
 from tests.service.conftest import Serve, wait_until
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 WARM_UP = 0.2
-"""Share of the scans after which memory is looked at first: buffers and caches have filled by then."""
+"""Share of the scans after which memory is measured first. Buffers and caches have filled by then."""
 GROWTH = 1.05
-"""No process may have more than this times the memory at the end ..."""
+"""Maximum ratio of the memory of a process at the end to that after the warm-up, plus `GROWTH_BYTES`."""
 GROWTH_BYTES = 8 << 20
-"""... and this: an allocator's steps."""
+"""Maximum growth in addition, bytes: the steps of an allocator."""
 
 
 @pytest.mark.parametrize(
@@ -48,24 +48,24 @@ def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -
             assert scan["summary"]["chains"] == 1
             assert scan["summary"]["crossings"] == 1
             running = processes() - before
-            assert not [pid for pid in running if state(pid) == "Z"], "a zombie"
+            assert not [pid for pid in running if state(pid) == "Z"], "a zombie process is left"
             if number + 1 == max(1, round(WARM_UP * scans)):
                 warm = {pid: rss_bytes(pid) for pid in running | {os.getpid()}}
-        if scans > 100:  # few scans are still warming up
+        if scans > 100:  # fewer scans do not complete the warm-up
             grown = {pid: (then, rss_bytes(pid)) for pid, then in warm.items()}
             print({name(pid): sizes for pid, sizes in grown.items()})
             for pid, (then, now) in grown.items():
                 assert now <= GROWTH * then + GROWTH_BYTES, f"{name(pid)} grew from {then} to {now} bytes"
-            assert set(warm) == processes() - before | {os.getpid()}, "a process came or went"
-    assert processes() <= before  # what other tests share may have ended meanwhile
+            assert set(warm) == processes() - before | {os.getpid()}, "a process was started or has ended"
+    assert processes() <= before  # processes that other tests share may have ended meanwhile
     for port in (29900, 29999, 30003, 30004):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((host, port))  # raises if somebody still listens
+            probe.bind((host, port))  # raises if a process still listens
 
 
 def processes() -> set[int]:
-    """Ids of this process's descendants, zombies too; multiprocessing's own helper stays as long as we do."""
+    """Return the ids of all descendants of this process, with zombies, without the resource tracker."""
     found: set[int] = set()
     new = {os.getpid()}
     while new:
@@ -75,7 +75,7 @@ def processes() -> set[int]:
 
 
 def name(pid: int) -> str:
-    """What the process runs."""
+    """Return the start of the command line of a process."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")[:100]
     except (FileNotFoundError, ProcessLookupError):

@@ -1,4 +1,4 @@
-"""What the service keeps to when its threads, its disk or its database fail it."""
+"""Jobs when all threads are busy, the database is damaged, or the preview of an earlier scan is still drawn."""
 
 import os
 import signal
@@ -37,28 +37,30 @@ AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 ANSWER_S = 15.0
-"""Only bounds a hang: a service that waits for what never comes does not answer at all."""
+"""Time limit of an answer, seconds. It only bounds a hang."""
 
 
 @contextmanager
-def all_threads_taken(client: ServedClient) -> Iterator[None]:
-    """As many requests as the service works on at once, none of which ends before this does."""
-    begun, let_go = threading.Semaphore(0), threading.Event()
+def all_threads_busy(client: ServedClient) -> Iterator[None]:
+    """Occupy every thread of the service with a request that ends with the context."""
+    begun, all_released = threading.Semaphore(0), threading.Event()
 
     def wait() -> None:
         begun.release()
-        let_go.wait()
+        all_released.wait()
 
-    async def most() -> float:
+    async def thread_count() -> float:
         return to_thread.current_default_thread_limiter().total_tokens
 
-    client.app.add_api_route("/most", most)
+    client.app.add_api_route("/most", thread_count)
     client.app.add_api_route("/wait", wait)
-    # The service lets nobody through to a route that its table of roles does not have.
-    let_in = patch.dict(roles._FIXED, {("GET", path): roles.Call(f"GET {path}", None) for path in ("/most", "/wait")})
-    with let_in:
+    # The service refuses a route that is not in its table of roles.
+    allow_routes = patch.dict(
+        roles._FIXED, {("GET", path): roles.Call(f"GET {path}", None) for path in ("/most", "/wait")}
+    )
+    with allow_routes:
         count = int(client.get("/most").json())
-    with let_in, ThreadPoolExecutor(count) as pool:
+    with allow_routes, ThreadPoolExecutor(count) as pool:
         try:
             for _ in range(count):
                 pool.submit(client.get, "/wait")
@@ -66,36 +68,37 @@ def all_threads_taken(client: ServedClient) -> Iterator[None]:
                 assert begun.acquire(timeout=ANSWER_S)
             yield
         finally:
-            let_go.set()
+            all_released.set()
 
 
 def start(client: httpx2.Client, recording_file: Path) -> str:
+    """Upload the recording, start a replay of it, and return the address of the scan."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     assert answer.status_code == 202, answer.text
     return answer.headers["location"]
 
 
-def recognition(client: ServedClient) -> int:
-    """The process of this very service, once it waits for a task."""
+def idle_recognition_pid(client: ServedClient) -> int:
+    """Return the process id of this service's recognition when it waits for a task."""
     wait_until(lambda: client.get("/readyz").status_code == 200)
     return client.recognition_pid
 
 
-def test_stop_and_cancel_wait_for_no_other_request(
+def test_stop_and_cancel_do_not_wait_for_other_requests(
     serve: Serve, recording_file: Path, tmp_path: Path, assert_problem: AssertProblem
 ) -> None:
     with serve(tmp_path) as client:
-        os.kill(recognition(client), signal.SIGSTOP)  # the scan stays under way
+        os.kill(idle_recognition_pid(client), signal.SIGSTOP)  # the scan does not end
         location = start(client, recording_file)
-        with all_threads_taken(client):
+        with all_threads_busy(client):
             assert client.post("/api/cell/stop", timeout=ANSWER_S).status_code == 200
             cancelled = client.post(f"{location}/cancel", timeout=ANSWER_S)
             assert cancelled.json()["state"] == "aborted"
             assert_problem(client.post("/api/scans/none/cancel", timeout=ANSWER_S), 404, "scan-not-found")
 
 
-def test_the_service_closes_though_requests_hold_all_threads(tmp_path: Path) -> None:
+def test_the_service_closes_while_requests_hold_all_threads(tmp_path: Path) -> None:
     async def open_and_close() -> None:
         app = create_app(ServiceConfig(data_dir=tmp_path))
         lifespan = app.router.lifespan_context(app)
@@ -107,19 +110,21 @@ def test_the_service_closes_though_requests_hold_all_threads(tmp_path: Path) -> 
             with anyio.fail_after(ANSWER_S):
                 await lifespan.__aexit__(None, None, None)
         finally:
-            app.state.context.jobs.close()  # else a failure would leave recognition behind
+            app.state.context.jobs.close()  # so that a failure leaves no recognition process
 
     anyio.run(open_and_close)
-    DataFolder(tmp_path).close()  # let go
+    DataFolder(tmp_path).close()  # the lock of the folder was released
 
 
-def test_what_cannot_be_closed_keeps_nothing_else_open(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
+def test_a_failure_while_closing_does_not_keep_the_rest_open(
+    serve: Serve, recording_file: Path, tmp_path: Path
+) -> None:
     with serve(tmp_path) as client:
-        os.kill(recognition(client), signal.SIGSTOP)
+        os.kill(idle_recognition_pid(client), signal.SIGSTOP)
         location = start(client, recording_file)
         wait_until(lambda: client.get(location).json()["state"] == "processing")
         store: Store = client.app.state.context.store
-        store.close()  # the connections that it has; the next one meets a database that is none
+        store.close()  # closes its connections; the next one finds a file that is not a database
         for path in tmp_path.glob("pointchain.sqlite3*"):
             path.write_bytes(b"x" * 4096)
         cell = client.app.state.context.cell
@@ -127,8 +132,8 @@ def test_what_cannot_be_closed_keeps_nothing_else_open(serve: Serve, recording_f
     DataFolder(tmp_path).close()
 
 
-def live_scan(store: Store, state: ScanState) -> str:
-    """A live scan whose recording lies in its place, but was not taken into the store."""
+def add_live_scan(store: Store, state: ScanState) -> str:
+    """Add a live scan whose recording file exists without a row in the store, and return its id."""
     scan_id = new_id()
     store.scans.add(ScanRow(scan_id, "live", None, "graph", None, state, None, 0.1, now(), now(), None, None, None))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
@@ -138,12 +143,12 @@ def live_scan(store: Store, state: ScanState) -> str:
     return scan_id
 
 
-def test_a_recording_is_found_again_by_any_later_start(serve: Serve, tmp_path: Path) -> None:
+def test_a_recording_without_a_row_is_adopted_at_the_next_start(serve: Serve, tmp_path: Path) -> None:
     folder = DataFolder(tmp_path)
     store = Store(folder)
-    # Under way when the service was killed; marked by a start that was killed then; failed on a locked database.
-    scans = [live_scan(store, state) for state in ("scanning", "interrupted", "failed")]
-    unreadable = live_scan(store, "failed")
+    # Killed during the scan; killed again after the scan was marked; failed because the database was locked.
+    scans = [add_live_scan(store, state) for state in ("scanning", "interrupted", "failed")]
+    unreadable = add_live_scan(store, "failed")
     folder.recording(unreadable).unlink()
     folder.recording(unreadable).mkdir()
     store.close()
@@ -156,40 +161,40 @@ def test_a_recording_is_found_again_by_any_later_start(serve: Serve, tmp_path: P
             assert client.get(scan["links"]["recording"]).status_code == 200
 
 
-def frozen_while_it_draws(client: ServedClient, recording_file: Path) -> tuple[str, int, Jobs]:
-    """Return a scan that has succeeded, and its recognition process.
+def suspend_before_preview(client: ServedClient, recording_file: Path) -> tuple[str, int, Jobs]:
+    """Return the address of a succeeded scan, the process id of recognition, and the jobs.
 
-    The process is suspended before the preview of the scan is drawn, unless that was quicker.
+    The process is suspended before it has drawn the preview of the scan, unless drawing was faster.
     """
-    process, jobs = recognition(client), client.app.state.context.jobs
+    process, jobs = idle_recognition_pid(client), client.app.state.context.jobs
     location = start(client, recording_file)
     wait_until(lambda: jobs.is_drawing(Path(location).name) and client.get(location).json()["state"] == "succeeded")
     os.kill(process, signal.SIGSTOP)
     return location, process, jobs
 
 
-def test_a_scan_whose_results_are_removed_while_its_picture_is_drawn_has_succeeded(
+def test_removing_a_scan_while_its_preview_is_drawn_causes_no_error(
     serve: Serve, recording_file: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with serve(tmp_path) as client:
-        location, process, jobs = frozen_while_it_draws(client, recording_file)
+        location, process, jobs = suspend_before_preview(client, recording_file)
         later = datetime.now(UTC) + timedelta(days=2)
         assert sweep(client.app.state.context.store, RetentionConfig(max_age_days=1), later, lambda: True)
         os.kill(process, signal.SIGCONT)
         wait_until(lambda: not jobs.is_drawing(Path(location).name))
         assert client.get(location).status_code == 404
-        told = client.get("/metrics").text
-        assert 'pointchain_scans_total{mode="replay",outcome="succeeded"} 1.0' in told
-        assert 'pointchain_scans_total{mode="replay",outcome="failed"} 0.0' in told
+        metrics = client.get("/metrics").text
+        assert 'pointchain_scans_total{mode="replay",outcome="succeeded"} 1.0' in metrics
+        assert 'pointchain_scans_total{mode="replay",outcome="failed"} 0.0' in metrics
         assert list((tmp_path / "incoming").iterdir()) == []
     assert not [record for record in caplog.records if record.levelname == "ERROR"]
 
 
-def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
+def test_a_cancel_of_the_next_scan_does_not_interrupt_the_preview(
     serve: Serve, recording_file: Path, tmp_path: Path, finished: Finished
 ) -> None:
     with serve(tmp_path) as client:
-        first, process, _ = frozen_while_it_draws(client, recording_file)
+        first, process, _ = suspend_before_preview(client, recording_file)
         with ThreadPoolExecutor(1) as pool:
             body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
             second = client.post("/api/scans", json=body).headers["Location"]
@@ -202,12 +207,12 @@ def test_who_cancels_the_next_scan_does_not_end_the_picture_of_the_last(
         assert client.recognition_pid == process
 
 
-def test_a_picture_that_does_not_end_keeps_no_cancelled_scan(
+def test_a_hanging_preview_does_not_block_a_cancel(
     serve: Serve, recording_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("service.jobs.manager.PREVIEW_TIMEOUT_S", 0.1)
     with serve(tmp_path) as client:
-        first, _, jobs = frozen_while_it_draws(client, recording_file)
+        first, _, jobs = suspend_before_preview(client, recording_file)
         body = {"mode": "replay", "recording": client.get(first).json()["recording"]}
         second = client.post("/api/scans", json=body).headers["Location"]
         assert client.post(f"{second}/cancel", timeout=ANSWER_S).json()["state"] == "aborted"
@@ -215,7 +220,7 @@ def test_a_picture_that_does_not_end_keeps_no_cancelled_scan(
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_a_picture_that_is_not_whole_is_never_shown(
+def test_an_incomplete_preview_is_never_sent(
     *,
     serve: Serve,
     recording_file: Path,
@@ -225,10 +230,10 @@ def test_a_picture_that_is_not_whole_is_never_shown(
     killed: bool,
 ) -> None:
     with serve(tmp_path) as client:
-        process = recognition(client)
+        process = idle_recognition_pid(client)
         os.kill(process, signal.SIGSTOP)
         location = start(client, recording_file)
-        # Where the picture is to be written first, so that it can't be.
+        # The preview is first written to this path, which exists, so that drawing it fails.
         part = tmp_path / "incoming" / f"{Path(location).name}.png"
         part.write_bytes(b"\x89PNG")
         os.kill(process, signal.SIGCONT)

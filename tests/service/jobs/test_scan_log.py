@@ -1,4 +1,4 @@
-"""What the log alone tells of a scan: what it was of, how it ended, and why."""
+"""The log of a scan: its recording, its end and the reason of its end."""
 
 import logging
 import re
@@ -15,8 +15,8 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture
-def told(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tuple[str, str]]]]:
-    """`told()`: level and message of each line so far, without the time that the scan took."""
+def scan_log(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tuple[str, str]]]]:
+    """`scan_log()`: level and message of each line so far, without the duration of the scan."""
 
     def lines() -> list[tuple[str, str]]:
         found = [record for record in caplog.records if record.name == "service.jobs.runner"]
@@ -26,25 +26,25 @@ def told(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tuple[s
         yield lines
 
 
-def test_a_cancelled_one(
-    client: ServedClient, recording: str, held: int, finished: Finished, told: Callable[[], list[tuple[str, str]]]
+def test_a_cancelled_scan_is_logged(
+    client: ServedClient, recording: str, held: int, finished: Finished, scan_log: Callable[[], list[tuple[str, str]]]
 ) -> None:
     location = client.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"]
     client.post(f"{location}/cancel")
     scan = finished(client, location)["id"]
-    wait_until(lambda: len(told()) == 2)  # the end is logged once it is stored
-    assert told() == [
+    wait_until(lambda: len(scan_log()) == 2)  # the end is logged after it is stored
+    assert scan_log() == [
         ("INFO", f"scan {scan} begins: replay of recording {recording}"),
         ("INFO", f"scan {scan} aborted after: the scan was cancelled"),
     ]
 
 
-def test_one_that_failed(
+def test_a_failed_scan_is_logged_with_its_reason(
     *,
     client: ServedClient,
     recording: str,
     finished: Finished,
-    told: Callable[[], list[tuple[str, str]]],
+    scan_log: Callable[[], list[tuple[str, str]]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def fail(*_: object) -> None:
@@ -53,5 +53,5 @@ def test_one_that_failed(
     monkeypatch.setattr(RecognitionWorker, "run", fail)
     location = client.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"]
     scan = finished(client, location)["id"]
-    wait_until(lambda: len(told()) == 2)
-    assert told()[1:] == [("WARNING", f"scan {scan} failed after: too-crowded: there is too much above the table")]
+    wait_until(lambda: len(scan_log()) == 2)
+    assert scan_log()[1:] == [("WARNING", f"scan {scan} failed after: too-crowded: there is too much above the table")]

@@ -27,7 +27,7 @@ NAMES = {
 
 @pytest.fixture(scope="module", params=["figure-eight", "coil"])
 def scan(request: pytest.FixtureRequest) -> Any:
-    """A scan with one crossing, and a scan with several."""
+    """Return a scan with one crossing, and a scan with several."""
     crossings = 3 if request.param == "coil" else None
     return simulate(make_scene(request.param, 1, crossings=crossings), camera_model("ideal", (320, 200)), 1, views=4)
 

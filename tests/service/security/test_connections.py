@@ -52,7 +52,7 @@ def service(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 @pytest.fixture
 def crowded(service: Crowded, monkeypatch: pytest.MonkeyPatch) -> Crowded:
-    """The service with its limit set and no warning logged."""
+    """Return the service with its limit set and no warning logged."""
     monkeypatch.setattr(connection, "MAX_CONNECTIONS", LIMIT)
     monkeypatch.setattr(GuardedConnection, "_last_warning_s", float("-inf"))
     return service

@@ -32,7 +32,7 @@ STOP_S, EXIT_S = 0.05, 5.0
 
 
 @pytest.mark.fault(26)
-@pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+@pytest.mark.xdist_group("cell")  # one at a time, because the test runs several busy processes
 @rounds(1, 20)
 def test_a_shutdown_during_a_move_stops_the_arm_and_then_informs_all_clients(
     tmp_path: Path, figures: Figures, count: int
@@ -43,7 +43,7 @@ def test_a_shutdown_during_a_move_stops_the_arm_and_then_informs_all_clients(
         stop_s, exit_s = shut_down_during_a_move(tmp_path / str(number))
         stops_s.append(stop_s)
         exits_s.append(exit_s)
-    figures.at_most("stop on the wire behind the signal", stops_s, STOP_S)
+    figures.at_most("stop on the wire after the signal", stops_s, STOP_S)
     figures.at_most("exit", exits_s, EXIT_S)
 
 

@@ -69,7 +69,7 @@ def supervised(service: str, starts: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def read_starts(starts: Path) -> list[tuple[int, str]]:
-    """Return process id and port of each service that has reported its port."""
+    """Return the process id and port of each service that has reported its port."""
     lines = [line.split() for line in starts.read_text().splitlines()]
     return [(int(pid), port) for pid, port in lines]
 

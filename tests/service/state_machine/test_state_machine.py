@@ -25,7 +25,7 @@ from hypothesis.stateful import (
 
 from tests.service.conftest import Serve, wait_until
 from tests.service.described_answers import slug
-from tests.service.following import told
+from tests.service.following import read_events
 from tests.service.live_cell import SCAN
 from tests.service.state_machine.world import World
 
@@ -213,13 +213,13 @@ class ServiceMachine(RuleBasedStateMachine):
         if scan is None:
             return
         path = f"/api/scans/{scan}/events"
-        assert told(self.world.client, path)[0].kind == "scan"
-        every = told(self.world.client, path, last=0)
+        assert read_events(self.world.client, path)[0].kind == "scan"
+        every = read_events(self.world.client, path, last=0)
         assert [int(event.id) for event in every] == self.journal.event_ids(scan)
         assert every[-1].data["data"]["state"] == self.call("GET", f"/api/scans/{scan}").json()["state"]
         from_here = every[int(share * (len(every) - 1))]
         if from_here is not every[-1]:
-            assert told(self.world.client, path, from_here.id) == every[every.index(from_here) + 1 :]
+            assert read_events(self.world.client, path, from_here.id) == every[every.index(from_here) + 1 :]
 
     @step(pick=PICK)
     def fetch_model(self, pick: int) -> None:

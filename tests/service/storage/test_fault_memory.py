@@ -1,4 +1,4 @@
-"""A fault is the cell's again after a restart, until a person has acknowledged it."""
+"""A fault of the cell is restored after a restart until a person acknowledges it."""
 
 import sqlite3
 from collections.abc import Iterator
@@ -23,31 +23,33 @@ def database(tmp_path: Path) -> Iterator[Database]:
 
 
 def stored(database: Database) -> list[tuple[str, str]]:
+    """Return slug and reason of the stored faults."""
     return database.all(lambda row: (row["slug"], row["reason"]), "SELECT slug, reason FROM cell_fault")
 
 
 def after_restart(database: Database) -> CellStatus:
+    """Return the status of a new cell that uses the database."""
     cell = Cell(CellSettings(arm=SimulatedArm()))
     with closing(cell), closing(FaultMemory(database, cell)):
         return cell.status
 
 
-def test_a_fault_outlives_the_service(database: Database) -> None:
+def test_a_fault_is_restored_after_a_restart(database: Database) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
     with closing(cell):
-        told: list[str] = []
-        memory = FaultMemory(database, cell, told.append)
+        reported: list[str] = []
+        memory = FaultMemory(database, cell, reported.append)
         cell.restore_fault("robot-lost", "look at the cell")
-        cell.close()  # no acknowledgement
+        cell.close()  # closing is no acknowledgement
         memory.close()
-        assert told == ["robot-lost"]
+        assert reported == ["robot-lost"]
         assert stored(database) == [("robot-lost", "look at the cell")]
     status = after_restart(database)
     assert (status.state, status.slug, status.reason) == ("fault", "robot-lost", "look at the cell")
     assert stored(database) == [("robot-lost", "look at the cell")]
 
 
-def test_what_was_acknowledged_is_forgotten(database: Database) -> None:
+def test_an_acknowledged_fault_is_not_restored(database: Database) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
     with closing(cell), closing(FaultMemory(database, cell)):
         cell.restore_fault("robot-lost", "look at the cell")
@@ -57,12 +59,14 @@ def test_what_was_acknowledged_is_forgotten(database: Database) -> None:
     assert after_restart(database).state == "not_ready"
 
 
-def test_a_locked_database_delays_nobody_and_learns_of_it_later(database: Database, tmp_path: Path) -> None:
+def test_a_locked_database_delays_no_change_and_is_written_later(database: Database, tmp_path: Path) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
     with closing(cell), closing(FaultMemory(database, cell)):
         with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3", isolation_level=None)) as other:
             other.execute("BEGIN IMMEDIATE")
-            cell.restore_fault("protective-stop", "look at the cell")  # returns at once: the lock is ours
+            cell.restore_fault(
+                "protective-stop", "look at the cell"
+            )  # returns at once, although this test holds the lock of the database
             assert stored(database) == []
             other.execute("ROLLBACK")
         wait_until(lambda: stored(database) == [("protective-stop", "look at the cell")])

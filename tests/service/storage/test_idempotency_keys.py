@@ -1,4 +1,4 @@
-"""Requests that are sent again: never a second scan. And many at once: never two scans."""
+"""Idempotency keys: a repeated request starts no second scan, and of concurrent requests only one starts a scan."""
 
 import os
 import signal
@@ -24,10 +24,10 @@ from service.storage.store import Store
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
-AT_ONCE = 50
+REQUESTS = 50
 
 
-def wish(recording: str, **more: Any) -> dict[str, Any]:
+def scan_body(recording: str, **more: Any) -> dict[str, Any]:
     return {"mode": "replay", "recording": recording, **more}
 
 
@@ -35,16 +35,18 @@ def post(client: httpx2.Client, body: dict[str, Any], key: str | None = None) ->
     return client.post("/api/scans", json=body, headers={} if key is None else {"Idempotency-Key": key})
 
 
-def all_at_once(ask: Callable[[], httpx2.Response]) -> list[httpx2.Response]:
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        return [answer.result() for answer in [pool.submit(ask) for _ in range(AT_ONCE)]]
+def send_concurrently(send: Callable[[], httpx2.Response]) -> list[httpx2.Response]:
+    """Send a request from many threads at once and return the answers."""
+    with ThreadPoolExecutor(REQUESTS) as pool:
+        return [answer.result() for answer in [pool.submit(send) for _ in range(REQUESTS)]]
 
 
 def scans_of(client: httpx2.Client, recording: str) -> list[str]:
+    """Return the ids of the scans of a recording."""
     return [scan["id"] for scan in client.get("/api/scans", params={"recording": recording}).json()["scans"]]
 
 
-def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
+def test_one_of_many_concurrent_requests_is_accepted_and_named_to_the_others(
     *,
     client: httpx2.Client,
     recording: str,
@@ -53,9 +55,9 @@ def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
     assert_problem: AssertProblem,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # However long a busy disk takes to accept the first.
+    # A busy disk may take long to accept the first request.
     monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", 60.0)
-    answers = all_at_once(lambda: post(client, wish(recording)))
+    answers = send_concurrently(lambda: post(client, scan_body(recording)))
     (accepted,) = [answer for answer in answers if answer.status_code == 202]
     for answer in answers:
         assert answer.headers["Location"] == accepted.headers["Location"]
@@ -66,13 +68,13 @@ def test_of_many_at_once_one_is_accepted_and_the_others_are_told_which(
     finished(client, accepted.headers["Location"])
 
 
-def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
+def test_the_same_key_returns_the_same_scan_in_any_state(
     client: httpx2.Client, recording: str, held: int, finished: Finished, assert_problem: AssertProblem
 ) -> None:
-    def ask() -> httpx2.Response:
-        return post(client, wish(recording), "again")
+    def send() -> httpx2.Response:
+        return post(client, scan_body(recording), "again")
 
-    first = all_at_once(ask)
+    first = send_concurrently(send)
     fresh = [answer for answer in first if answer.status_code == 202 and "Idempotency-Replayed" not in answer.headers]
     assert len(fresh) == 1, [answer.text for answer in first]
     location = fresh[0].headers["Location"]
@@ -83,22 +85,22 @@ def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
         else:
             assert_problem(answer, 409, "idempotency-pending")
             assert answer.headers["Retry-After"]
-    # While that very scan is under way, and with other words for the same.
+    # During this scan, and with another form of the same body.
     busy = client.post(
         "/api/scans",
         content=f'{{ "recording":"{recording}","mode" : "replay"}}',
         headers={"Idempotency-Key": "again", "Content-Type": "application/json"},
     )
     assert (busy.status_code, busy.headers["Idempotency-Replayed"]) == (202, "true"), busy.text
-    assert_problem(post(client, wish(recording), "another"), 409, "cell-busy")
-    detail = assert_problem(post(client, wish(recording, method="matching"), "again"), 422, "idempotency-mismatch")
+    assert_problem(post(client, scan_body(recording), "another"), 409, "cell-busy")
+    detail = assert_problem(post(client, scan_body(recording, method="matching"), "again"), 422, "idempotency-mismatch")
     assert fresh[0].json()["id"] in detail
     assert scans_of(client, recording) == [fresh[0].json()["id"]]
     os.kill(held, signal.SIGCONT)
     done = finished(client, location)
-    assert ask().json() == done
-    # A refusal has left nothing behind: that key is still free.
-    after = post(client, wish(recording), "another")
+    assert send().json() == done
+    # The refused request did not use its key.
+    after = post(client, scan_body(recording), "another")
     assert after.status_code == 202
     assert "Idempotency-Replayed" not in after.headers
     assert finished(client, after.headers["Location"])["id"] != done["id"]
@@ -107,23 +109,23 @@ def test_the_same_key_gives_the_same_scan_whatever_has_become_of_it(
 def test_a_refused_request_leaves_its_key_free(
     client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem
 ) -> None:
-    assert_problem(post(client, wish("none"), "refused"), 404, "recording-not-found")
-    assert_problem(post(client, wish(recording, string_radius_m=1.0), "refused"), 422, "invalid-parameters")
-    answer = post(client, wish(recording), "refused")
+    assert_problem(post(client, scan_body("none"), "refused"), 404, "recording-not-found")
+    assert_problem(post(client, scan_body(recording, string_radius_m=1.0), "refused"), 422, "invalid-parameters")
+    answer = post(client, scan_body(recording), "refused")
     assert answer.status_code == 202, answer.text
     finished(client, answer.headers["Location"])
 
 
 @pytest.mark.parametrize("key", ["", "x" * 256, "smørrebrød", "a\tb"])
-def test_what_is_no_key_is_refused(client: httpx2.Client, assert_problem: AssertProblem, key: str) -> None:
+def test_an_invalid_key_is_refused(client: httpx2.Client, assert_problem: AssertProblem, key: str) -> None:
     headers = {b"Idempotency-Key": key.encode("latin-1")}
-    answer = client.post("/api/scans", json=wish("none"), headers=headers)
+    answer = client.post("/api/scans", json=scan_body("none"), headers=headers)
     assert "printable ASCII" in assert_problem(answer, 422, "idempotency-key")
 
 
-def test_two_keys_are_none(client: httpx2.Client, assert_problem: AssertProblem) -> None:
+def test_two_keys_in_one_request_are_refused(client: httpx2.Client, assert_problem: AssertProblem) -> None:
     headers = [("Idempotency-Key", "a"), ("Idempotency-Key", "b")]
-    assert_problem(client.post("/api/scans", json=wish("none"), headers=headers), 422, "idempotency-key")
+    assert_problem(client.post("/api/scans", json=scan_body("none"), headers=headers), 422, "idempotency-key")
 
 
 @pytest.fixture
@@ -132,21 +134,21 @@ def store(tmp_path: Path) -> Iterator[Store]:
         yield store
 
 
-def test_a_key_is_its_callers_own(store: Store) -> None:
+def test_each_caller_has_its_own_keys(store: Store) -> None:
     keys = IdempotencyKeys(store)
     for caller in ("ann", "bob"):
         key = Key(caller, "k", "hash")
         with keys.first_use(key, 7.0) as used:
             assert used == 7.0
-            asked = Requester(caller, key)
-            scan = new_scan("live", "graph", None, asked)
-            store.scans.add(scan, asked.key_row(scan))
+            requester = Requester(caller, key)
+            scan = new_scan("live", "graph", None, requester)
+            store.scans.add(scan, requester.key_row(scan))
         with keys.first_use(key, 8.0) as used:
             assert isinstance(used, ScanRow)
             assert (used.id, used.requested_by) == (scan.id, caller)
 
 
-def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) -> None:
+def test_a_request_whose_key_is_pending_is_refused(store: Store) -> None:
     keys, key = IdempotencyKeys(store), Key("ann", "k", "hash")
 
     def second(other: Key) -> None:
@@ -158,35 +160,35 @@ def test_while_the_first_is_decided_on_the_second_is_told_to_wait(store: Store) 
             second(Key("ann", "k", "of another body"))
         assert (refused.value.slug, refused.value.retry_after_s) == ("idempotency-pending", 1.0)
         second(Key("bob", "k", "hash"))
-    second(key)  # the first came to nothing
+    second(key)  # the first request started no scan
     assert store.key("ann", "k") is None
     assert new_scan("live", "graph", None, NOBODY).requested_by is None
 
 
-def test_a_refused_request_that_is_sent_again_is_no_new_wish(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_repeated_request_keeps_the_time_of_its_first_arrival(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("service.storage.idempotency_keys.MAX_REMEMBERED", 3)
     keys = IdempotencyKeys(store)
 
-    def asked_for_since(key: str | None, arrived_s: float) -> float | ScanRow:
+    def requested_at(key: str | None, arrived_s: float) -> float | ScanRow:
         with keys.first_use(None if key is None else Key("ann", key, "hash"), arrived_s) as since:
             return since
 
-    assert asked_for_since("k", 1000.0) == 1000.0
-    assert asked_for_since("k", 1000.0 + MEMORY_S) == 1000.0
-    assert asked_for_since(None, 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S
-    assert asked_for_since("k", 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S, "no client repeats it so late"
+    assert requested_at("k", 1000.0) == 1000.0
+    assert requested_at("k", 1000.0 + MEMORY_S) == 1000.0
+    assert requested_at(None, 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S
+    assert requested_at("k", 1001.0 + MEMORY_S) == 1001.0 + MEMORY_S, "a repetition this late counts as a new request"
     for key in "abc":
-        asked_for_since(key, 1002.0 + MEMORY_S)
-    assert asked_for_since("k", 1003.0 + MEMORY_S) == 1003.0 + MEMORY_S, "of too many, the oldest are forgotten"
-    assert asked_for_since("c", 1003.0 + MEMORY_S) == 1002.0 + MEMORY_S
+        requested_at(key, 1002.0 + MEMORY_S)
+    assert requested_at("k", 1003.0 + MEMORY_S) == 1003.0 + MEMORY_S, "the oldest of too many are removed"
+    assert requested_at("c", 1003.0 + MEMORY_S) == 1002.0 + MEMORY_S
 
 
-def test_the_hash_is_of_what_is_asked_for_and_where() -> None:
+def test_the_hash_depends_on_the_path_and_the_values_of_the_body() -> None:
     live = LiveScanRequest(mode="live")
     assert body_hash("/a", live) == body_hash("/a", LiveScanRequest(mode="live"))
     assert body_hash("/a", live) != body_hash("/b", live)
     assert body_hash("/a", live) != body_hash("/a", LiveScanRequest(mode="live", views=5))
     assert body_hash("/a", live) == body_hash("/a", LiveScanRequest(mode="live", views=None, method="graph"))
     assert body_hash("/a", live) != body_hash("/a", LiveScanRequest(mode="live", method="matching"))
-    # To leave it out means another thing than null.
+    # An omitted member differs from null.
     assert body_hash("/a", ReprocessRequest()) != body_hash("/a", ReprocessRequest(string_radius_m=None))

@@ -1,4 +1,4 @@
-"""Data of earlier versions, as this version reads them."""
+"""Migrations of data of earlier versions."""
 
 import json
 import sqlite3
@@ -16,7 +16,7 @@ from service.storage.migrations import MIGRATIONS
 from service.storage.store import Store
 
 
-def test_old_recordings_have_no_name_and_those_of_scans_have_their_time(tmp_path: Path) -> None:
+def test_recordings_of_version_5_get_no_name_and_the_time_of_their_scan(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
         with closing(sqlite3.connect(folder.database)) as db:
             for migration in MIGRATIONS[:5]:
@@ -59,7 +59,7 @@ def test_problem_documents_of_version_6_become_failures(tmp_path: Path) -> None:
             assert succeeded is not None
             assert (failed.failure, succeeded.failure) == (Failure("robot-lost", "the link broke"), None)
             with pytest.raises(json.JSONDecodeError):
-                store.scans.get("damaged")  # as before; `pointchain doctor` finds it
+                store.scans.get("damaged")  # the damage is kept; `pointchain doctor` finds it
             missed = store.events.since("failed", 0)
             assert missed is not None
             assert [event.data["failure"] for event in missed.events] == [
@@ -97,7 +97,7 @@ RESULT_7 = {
 }  # fmt: skip
 
 
-def test_calibrations_of_version_7_have_the_present_names(tmp_path: Path) -> None:
+def test_calibrations_of_version_7_get_the_present_names(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
         with closing(sqlite3.connect(folder.database)) as db:
             for migration in MIGRATIONS[:7]:

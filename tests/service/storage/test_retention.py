@@ -1,4 +1,4 @@
-"""What is removed when it gets old or too much, what never is, and that nothing is removed to make room."""
+"""Retention: what is removed by age or size, what is kept, and refusals when the disk is nearly full."""
 
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -39,6 +39,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def days_ago(days: float) -> str:
+    """Return the time this many days before NOW."""
     return format_utc(NOW - timedelta(days=days))
 
 
@@ -49,22 +50,22 @@ def add_recording(store: Store, name: str, days: float) -> None:
 
 
 def add_scan(store: Store, name: str, days: float, **values: Any) -> None:
-    """One that has ended so long ago, with a KiB of results and all that a scan may leave."""
+    """Add a scan that ended `days` before NOW, with 1 KiB of results, an event, a view and an idempotency key."""
     values = {"state": "succeeded", "ended_at": days_ago(days), "created_at": days_ago(days)} | values
-    asked = Requester("ann", Key("ann", f"key of {name}", "hash"))
-    row = replace(new_scan("replay", "graph", None, asked), id=name, **values)
-    store.scans.add(row, asked.key_row(row))
+    requester = Requester("ann", Key("ann", f"key of {name}", "hash"))
+    row = replace(new_scan("replay", "graph", None, requester), id=name, **values)
+    store.scans.add(row, requester.key_row(row))
     store.scans.set_view(name, 0, "recorded")
     store.folder.results(name).mkdir()
     write_synced(store.folder.results(name) / "model.json", KIB)
 
 
-def swept(store: Store, *, idle: Callable[[], bool] = lambda: True, **config: Any) -> bool:
+def run_sweep(store: Store, *, idle: Callable[[], bool] = lambda: True, **config: Any) -> bool:
     return sweep(store, RetentionConfig(**config), NOW, idle)
 
 
 def scans(store: Store) -> set[str]:
-    """Those in the store, each with all of its own or nothing."""
+    """Return the ids of all scans, and check that no file or row of a removed scan is left."""
     found = {row.id for row in store.scans.newest(100)}
     assert {path.name for path in (store.folder.root / "scans").iterdir()} == found
     with store.database.connection() as db:
@@ -74,12 +75,13 @@ def scans(store: Store) -> set[str]:
 
 
 def recordings(store: Store) -> set[str]:
+    """Return the ids of all recordings, and check that they are those of the files."""
     found = {row.id for row in store.recordings(100)}
     assert {path.stem for path in (store.folder.root / "recordings").iterdir()} == found
     return found
 
 
-def test_what_is_too_old_goes_with_all_that_is_its_own(store: Store) -> None:
+def test_old_scans_are_removed_with_their_data(store: Store) -> None:
     for name in ("shared", "own", "wanted", "lone", "fresh"):
         add_recording(store, name, 40 if name != "fresh" else 1)
     add_scan(store, "old", 40, recording="shared")
@@ -87,59 +89,59 @@ def test_what_is_too_old_goes_with_all_that_is_its_own(store: Store) -> None:
     add_scan(store, "young", 29, recording="shared", source="old")
     add_scan(store, "marked", 99, recording="wanted", kept=True)
     add_scan(store, "again", 60, recording="wanted", source="marked")
-    assert swept(store, max_age_days=30)
+    assert run_sweep(store, max_age_days=30)
     assert scans(store) == {"young", "marked"}
     assert recordings(store) == {"shared", "wanted", "fresh"}
     young = store.scans.get("young")
     assert young is not None
-    assert young.source is None  # there is no such scan any more
+    assert young.source is None  # the source was removed
 
 
-def test_the_oldest_go_until_the_rest_is_small_enough(store: Store) -> None:
-    for number in range(6):  # two KiB each
+def test_the_oldest_scans_are_removed_until_the_size_fits(store: Store) -> None:
+    for number in range(6):  # 2 KiB each
         add_recording(store, f"r{number}", 10 - number)
         add_scan(store, f"s{number}", 10 - number, recording=f"r{number}", kept=number == 0)
-    assert swept(store, max_bytes=6 * 1024)
+    assert run_sweep(store, max_bytes=6 * 1024)
     assert scans(store) == {"s0", "s4", "s5"}
     assert recordings(store) == {"r0", "r4", "r5"}
-    assert swept(store, max_bytes=6 * 1024)
+    assert run_sweep(store, max_bytes=6 * 1024)
     assert len(scans(store)) == 3
 
 
 @pytest.mark.parametrize("state", ["queued", "scanning", "processing", "stopping"])
-def test_what_is_under_way_or_has_just_ended_stays(store: Store, state: ScanState) -> None:
+def test_active_and_recent_scans_are_kept(store: Store, state: ScanState) -> None:
     add_recording(store, "r", 99)
     add_scan(store, "active", 99, recording="r", state=state, ended_at=None)
     add_scan(store, "just-ended", 0.5 / 24)
     add_recording(store, "just-sent", 0.5 / 24)
-    assert swept(store, max_age_days=0.001, max_bytes=1)
+    assert run_sweep(store, max_age_days=0.001, max_bytes=1)
     assert (scans(store), recordings(store)) == ({"active", "just-ended"}, {"r", "just-sent"})
 
 
-def test_nothing_is_removed_while_something_is_under_way(store: Store) -> None:
+def test_the_removal_ends_when_a_job_starts(store: Store) -> None:
     for number in range(3):
         add_scan(store, f"s{number}", 99)
     free = iter([True, False])
-    assert not swept(store, idle=lambda: next(free), max_age_days=1)
+    assert not run_sweep(store, idle=lambda: next(free), max_age_days=1)
     assert len(scans(store)) == 2
 
 
-def test_unless_configured_nothing_is_removed(store: Store) -> None:
+def test_nothing_is_removed_by_default(store: Store) -> None:
     add_scan(store, "old", 9999)
-    assert swept(store)
+    assert run_sweep(store)
     assert scans(store) == {"old"}
 
 
-def test_what_a_scan_told_of_the_calibration_outlasts_it(store: Store) -> None:
+def test_the_calibration_error_of_a_removed_scan_is_kept(store: Store) -> None:
     add_scan(store, "old", 99)
-    told = ScanErrorRow("old", "sha", [0.0] * 6, [[0.0] * 6] * 6, [0.0] * 6)
-    store.calibrations.add_scan_error(told)
-    assert swept(store, max_age_days=30)
+    scan_error = ScanErrorRow("old", "sha", [0.0] * 6, [[0.0] * 6] * 6, [0.0] * 6)
+    store.calibrations.add_scan_error(scan_error)
+    assert run_sweep(store, max_age_days=30)
     assert scans(store) == set()
-    assert store.calibrations.scan_errors("sha", 5) == [told]
+    assert store.calibrations.scan_errors("sha", 5) == [scan_error]
 
 
-def test_of_an_earlier_version_everything_is_kept_and_can_go(tmp_path: Path) -> None:
+def test_a_scan_of_an_earlier_version_can_be_removed(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
         with closing(sqlite3.connect(folder.database)) as db:
             for migration in MIGRATIONS[:3]:
@@ -154,19 +156,19 @@ def test_of_an_earlier_version_everything_is_kept_and_can_go(tmp_path: Path) -> 
             row = store.scans.get("old")
             assert row is not None
             assert (row.kept, row.source, row.files) == (False, None, None)
-            assert swept(store, max_age_days=30)
+            assert run_sweep(store, max_age_days=30)
             assert store.scans.get("old") is None
             assert store.calibrations.scan_errors("sha", 5) == [ScanErrorRow("old", "sha", [1.0], [[2.0]], [3.0])]
 
 
-def test_a_scan_that_was_marked_meanwhile_stays(store: Store) -> None:
+def test_a_scan_that_was_marked_meanwhile_is_kept(store: Store) -> None:
     add_scan(store, "old", 99)
     store.scans.keep("old", True)
     assert remove(store, Candidate("scan", "old", days_ago(99))) is None
     assert scans(store) == {"old"}
 
 
-def test_what_cannot_be_written_removes_no_file(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_removes_no_file(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     add_scan(store, "old", 99)
     with store.database.transaction() as db:
         db.execute("CREATE TRIGGER no BEFORE DELETE ON scans BEGIN SELECT RAISE(ABORT, 'no'); END")
@@ -176,7 +178,7 @@ def test_what_cannot_be_written_removes_no_file(store: Store, monkeypatch: pytes
     assert store.key("ann", "key of old") is not None
 
 
-def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
+def test_the_service_removes_old_scans_and_refuses_jobs_that_may_not_fit(
     serve: Serve, tmp_path: Path, recording_file: Path, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as before:
@@ -190,7 +192,7 @@ def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
         content = recording_file.read_bytes()
         free = iter([10 * 2**20 + 1] + [10 * 2**20 - 1] * 5)
         monkeypatch.setattr("service.storage.disk_space.shutil.disk_usage", lambda _: SimpleNamespace(free=next(free)))
-        # By itself there is enough, but not with what is to come.
+        # The free space suffices now, but not after the upload.
         assert "10.0 MiB are free" in assert_problem(
             client.post("/api/recordings", content=content), 507, "storage-full"
         )
@@ -207,4 +209,4 @@ def test_the_service_does_it_by_itself_and_refuses_what_may_not_fit(
         assert [row.id for row in store.scans.newest(10)] == ["marked"]
         assert store.recordings(10) == []
         assert store.key("local", "/api/scans") is None
-        assert client.get("/api/cell").json()["state"] == "not_ready"  # nothing was even connected
+        assert client.get("/api/cell").json()["state"] == "not_ready"  # no device was connected

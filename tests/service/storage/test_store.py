@@ -1,4 +1,4 @@
-"""Rows and files: what is there after a restart, and what is not there after a failure."""
+"""The store: rows and files after a restart and after a failure."""
 
 import dataclasses
 import sqlite3
@@ -70,7 +70,7 @@ def add_recording(store: Store, recording_id: str = "r1") -> None:
     store.add_recording(recording_row(recording_id), received)
 
 
-def test_rows_come_back_as_they_were_written(tmp_path: Path) -> None:
+def test_rows_are_unchanged_after_a_restart(tmp_path: Path) -> None:
     with opened(tmp_path) as store:
         add_recording(store)
         store.scans.add(scan_row())
@@ -96,7 +96,7 @@ def test_a_finished_scan_has_its_files_and_a_summary(store: Store) -> None:
     assert not results.exists()
 
 
-def test_a_final_state_is_final(store: Store) -> None:
+def test_a_final_state_cannot_be_changed(store: Store) -> None:
     add_recording(store)
     store.scans.add(scan_row())
     assert store.scans.update("s1", state="aborted")
@@ -133,7 +133,7 @@ def test_a_recording_whose_row_cannot_be_written_leaves_no_file(store: Store) ->
     assert not store.folder.recording("r1").exists()
 
 
-def test_lists_are_newest_first_in_pages(store: Store) -> None:
+def test_lists_have_pages_with_the_newest_first(store: Store) -> None:
     ids = sorted(new_id() for _ in range(5))
     for scan_id in ids:
         add_recording(store, scan_id)
@@ -143,7 +143,7 @@ def test_lists_are_newest_first_in_pages(store: Store) -> None:
     assert [row.id for row in store.recordings(2, ids[4])] == ids[3:1:-1]
 
 
-def test_threads_write_side_by_side(store: Store) -> None:
+def test_threads_write_concurrently(store: Store) -> None:
     add_recording(store)
     threads = [
         threading.Thread(target=lambda n=n: [store.scans.add(scan_row(f"s{n}-{k}")) for k in range(20)])
@@ -169,18 +169,18 @@ def test_ids_sort_by_time_and_are_plain_names() -> None:
     assert all(set(i) <= set("0123456789abcdef-t") for i in ids)
 
 
-def test_one_service_a_folder(store: Store) -> None:
+def test_a_data_folder_has_one_service(store: Store) -> None:
     with pytest.raises(DataFolderError, match="another service uses"):
         DataFolder(store.folder.root)
 
 
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(DataFolderError, match="set data_dir"):
         DataFolder(tmp_path / "file" / "data")
 
 
-def test_leftovers_of_incoming_files_go(tmp_path: Path) -> None:
+def test_incomplete_incoming_files_are_removed(tmp_path: Path) -> None:
     (tmp_path / "incoming" / "s1").mkdir(parents=True)
     (tmp_path / "incoming" / "s1" / "model.json").write_text("{")
     folder = DataFolder(tmp_path)
@@ -188,7 +188,7 @@ def test_leftovers_of_incoming_files_go(tmp_path: Path) -> None:
     folder.close()
 
 
-def test_tables_of_a_later_version_are_left_alone(store: Store) -> None:
+def test_a_database_of_a_later_version_is_refused(store: Store) -> None:
     with store.database.transaction() as db:
         db.execute("PRAGMA user_version = 99")
     with pytest.raises(StoreVersionError, match="version 99"):

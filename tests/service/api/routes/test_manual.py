@@ -26,7 +26,7 @@ AssertProblem = Callable[[httpx2.Response, int, str], str]
 
 @pytest.fixture
 def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A small manual in place of the built one. A file beside its folder must not be served."""
+    """Return a small manual in place of the built one. A file beside its folder must not be served."""
     folder = tmp_path / "manual"
     (folder / "operator").mkdir(parents=True)
     (folder / "index.html").write_text("<title>Start</title>")
@@ -101,7 +101,7 @@ def test_no_other_file_is_served(client: ServedClient, assert_problem: AssertPro
     assert "secret" not in answer.json()["detail"]
 
 
-def test_the_rest_works_where_the_manual_is_not_built(
+def test_the_service_works_without_a_built_manual(
     client: ServedClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
 ) -> None:
     monkeypatch.setattr(manual.FILES, "all_directories", [tmp_path / "none"])
@@ -192,7 +192,7 @@ def broken(page: Path, link: str) -> bool:
     return bool(parts.fragment) and target.suffix == ".html" and unquote(parts.fragment) not in built(target).ids
 
 
-def test_every_link_within_the_manual_leads_somewhere() -> None:
+def test_every_link_within_the_manual_has_a_target() -> None:
     found = [
         f"{page.relative_to(MANUAL_FOLDER)}: {link}"
         for page in built_pages()
@@ -202,7 +202,7 @@ def test_every_link_within_the_manual_leads_somewhere() -> None:
     assert found == []
 
 
-def test_no_page_loads_anything_from_elsewhere() -> None:
+def test_no_page_loads_anything_from_another_host() -> None:
     for page in built_pages():
         loaded = re.findall(
             r"<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)=\"(?:https?:)?//[^\"]*", page.read_text()
@@ -219,7 +219,7 @@ def test_every_script_inside_a_page_is_allowed_by_its_hash() -> None:
         assert f"sha256-{digest}" in allowed, script
 
 
-def test_the_licences_of_what_is_inside_go_along() -> None:
+def test_the_licences_of_the_included_software_are_included() -> None:
     text = (MANUAL_FOLDER / "licences.txt").read_text()
     for name in ("sphinx", "furo", "sphinx-copybutton", "STIX Two Math"):
         assert f"{name}\n\n" in text

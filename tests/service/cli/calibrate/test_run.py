@@ -20,7 +20,7 @@ from service.cli.main import main
 from tests.cell.loopback import free_host
 from tests.service.signalled import assert_stopped, interrupt
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test has several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 TIMEOUT_S = 120
 """Long, because a busy machine needs time to load the libraries."""
@@ -37,7 +37,7 @@ def fast_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:
 
 
 class Terminal(io.StringIO):
-    """A terminal with prepared input."""
+    """Terminal with prepared input."""
 
     def isatty(self) -> bool:
         return True

@@ -25,19 +25,19 @@ REAL_CELL = "[arm]\nkind = 'ur'\nhost = '10.0.0.1'\n[camera]\nkind = 'oak'\n"
 
 @pytest.fixture(scope="module")
 def taken(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with twelve views, and two more held out. Tests must not change it."""
+    """Return a folder with twelve views, and two more held out. Tests must not change it."""
     return rendered_folder(tmp_path_factory.mktemp("taken") / "images")
 
 
 @pytest.fixture
 def folder(taken: Path, tmp_path: Path) -> Path:
-    """A copy of that folder."""
+    """Return a copy of that folder."""
     return Path(shutil.copytree(taken, tmp_path / "run"))
 
 
 @pytest.fixture(scope="module")
 def solved_once(taken: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of that folder, solved, without the images. Tests must not change it."""
+    """Return a solved copy of that folder without the images. Tests must not change it."""
     folder = Path(shutil.copytree(taken, tmp_path_factory.mktemp("solved") / "run"))
     assert main(["calibrate", "solve", str(folder)]) == 0
     for image in folder.glob("*.png"):
@@ -47,7 +47,7 @@ def solved_once(taken: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def solved(solved_once: Path, tmp_path: Path) -> Path:
-    """A copy of the solved folder."""
+    """Return a copy of the solved folder."""
     return Path(shutil.copytree(solved_once, tmp_path / "solved"))
 
 

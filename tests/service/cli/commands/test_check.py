@@ -24,7 +24,7 @@ def clear_variables(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def unreachable_cell(tmp_path: Path) -> Path:
-    """Configuration of a cell whose robot does not answer and whose camera is not connected."""
+    """Return the configuration of a cell whose robot does not answer and whose camera is not connected."""
     write_hand_eye(
         tmp_path / "hand_eye.json",
         from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4)),

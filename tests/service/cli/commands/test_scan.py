@@ -21,7 +21,7 @@ from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
 from tests.service.signalled import assert_stopped, interrupt
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test has several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 TIMEOUT_S = 120
 """Long, because a busy machine needs time to load the libraries."""
@@ -105,7 +105,7 @@ def test_a_signal_before_the_first_move_ends_the_scan(tmp_path: Path, connected:
 
 
 def is_program_running(controller: AdminClient) -> bool:
-    """Whether our program runs on the robot."""
+    """Return whether our program runs on the robot."""
     try:
         return controller.state().program_state == "PLAYING"
     except ConnectionError:  # the controller is still starting

@@ -23,7 +23,7 @@ def token_of(guarded: Guarded, role: str) -> str:
 
 @pytest.fixture
 def browser(guarded: Guarded) -> Iterator[httpx2.Client]:
-    """A client that keeps cookies like a browser. It is not signed in."""
+    """Yield a client that keeps cookies like a browser. It is not signed in."""
     with httpx2.Client(base_url=guarded.client.base_url) as browser:
         yield browser
 
