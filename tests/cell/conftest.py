@@ -1,4 +1,4 @@
-"""One virtual controller for all tests of the arm that a process runs; `virtual_arm.fresh` puts it right."""
+"""One virtual controller for all tests of the arm in a process. `virtual_arm.fresh` resets it."""
 
 from collections.abc import Iterator
 

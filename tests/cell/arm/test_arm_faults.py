@@ -1,6 +1,6 @@
-"""What goes wrong while the arm moves: noticed in time, ended safely, and never moved on from by itself.
+"""Faults during a move: they are detected in time, the arm stops, and no move is continued automatically.
 
-Times are of the controller's log, or from the fault to the exception; what is promised for them is asserted.
+Times are those of the controller's log, or from the fault to the exception. Their limits are asserted.
 """
 
 import os
@@ -42,17 +42,17 @@ from tests.cell.arm.virtual_arm import (
 )
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 LOST_S = 0.5
-"""A lost robot is noticed so soon."""
+"""Limit of the time until a lost robot is detected, seconds."""
 PROTECTIVE_S = 0.1
-"""A protective stop is noticed so soon."""
+"""Limit of the time until a protective stop is detected, seconds."""
 
 
 @pytest.fixture
 def arm(controller: RunningController) -> Iterator[UrArm]:
-    """Connected, at HOME."""
+    """Yield a connected arm at HOME."""
     fresh(controller)
     arm = UrArm(FAST, controller.host)
     arm.connect()
@@ -61,12 +61,12 @@ def arm(controller: RunningController) -> Iterator[UrArm]:
     arm.close()
 
 
-def hit(
-    controller: RunningController, arm: UrArm, strike: Callable[[], Any], within_s: float
+def move_with_fault(
+    controller: RunningController, arm: UrArm, cause_fault: Callable[[], Any], within_s: float
 ) -> tuple[BaseException, list[dict[str, Any]]]:
-    """Strikes in the middle of a move, which ends `within_s`: how it ended, and what the controller saw since.
+    """Cause a fault during a move, which must end `within_s`. Return its error and the later controller events.
 
-    A machine that is busy with something else may make it late once or twice; what comes late by itself does so always.
+    On a busy machine the error may be late once or twice, so there are three attempts.
     """
     took_s: list[float] = []
     while len(took_s) < 3:
@@ -76,18 +76,18 @@ def hit(
         with thread_of(lambda: arm.move(far())) as result:
             moving(controller)
             begin = controller.admin.state().events
-            struck_s = time.monotonic()
-            strike()
+            caused_s = time.monotonic()
+            cause_fault()
         error, noticed_s = result
         assert isinstance(error, CellError), f"the move returned {error}"
-        took_s.append(noticed_s - struck_s)
+        took_s.append(noticed_s - caused_s)
         if took_s[-1] <= within_s:
             return error, controller.admin.log(begin)
-    pytest.fail(f"noticed after {took_s} s, {within_s:g} s is promised")
+    pytest.fail(f"detected after {took_s} s, the limit is {within_s:g} s")
 
 
-def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, Any]]) -> None:
-    """No move was sent again, the arm is still, short of its target, and program and connection have ended."""
+def assert_ended(controller: RunningController, arm: UrArm, events: list[dict[str, Any]]) -> None:
+    """Check that no move was sent again, the arm is at rest short of its target, and the program has ended."""
     until(lambda: not controller.admin.state().moving, 2.0)
     state = controller.admin.state()
     assert state.q_rad[0] < 1.6
@@ -101,38 +101,40 @@ def is_over(controller: RunningController, arm: UrArm, events: list[dict[str, An
 
 
 @pytest.mark.parametrize("fault", ["drop", "freeze", "unreachable"])
-def test_a_lost_link(controller: RunningController, arm: UrArm, fault: str):
-    error, events = hit(controller, arm, getattr(controller.admin, fault), LOST_S)
+def test_a_lost_link_ends_a_move(controller: RunningController, arm: UrArm, fault: str):
+    error, events = move_with_fault(controller, arm, getattr(controller.admin, fault), LOST_S)
     assert isinstance(error, RobotLostError)
-    time.sleep(0.2)  # ur_rtde would have been back by now
+    time.sleep(0.2)  # ur_rtde would have reconnected by now
     controller.admin.clear()
     until(lambda: not controller.admin.state().moving, 2.0)
-    is_over(controller, arm, events + controller.admin.log(events[-1]["index"] + 1))
-    # A person looks, acknowledges, and it goes on from where the arm is.
+    assert_ended(controller, arm, events + controller.admin.log(events[-1]["index"] + 1))
+    # After a person acknowledges, the arm moves from its present position.
     arm.acknowledge()
     arm.connect()
     arm.move(HOME)
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_child_that_dies_or_hangs(controller: RunningController, arm: UrArm, number: signal.Signals):
-    struck: list[Child] = []
+def test_a_dead_or_hanging_child_ends_a_move(controller: RunningController, arm: UrArm, number: signal.Signals):
+    children: list[Child] = []
 
-    def strike() -> None:
+    def cause_fault() -> None:
         assert arm._link.child is not None
-        struck.append(arm._link.child)
-        os.kill(struck[-1].pid, number)
+        children.append(arm._link.child)
+        os.kill(children[-1].pid, number)
 
-    error, events = hit(controller, arm, strike, LOST_S)
+    error, events = move_with_fault(controller, arm, cause_fault, LOST_S)
     assert isinstance(error, RobotLostError)
-    is_over(controller, arm, events)
-    assert not any(child.alive for child in struck)
+    assert_ended(controller, arm, events)
+    assert not any(child.alive for child in children)
     arm.connect()
     arm.move(HOME)
 
 
-def test_a_stop_that_is_interrupted_itself(controller: RunningController, arm: UrArm, monkeypatch: pytest.MonkeyPatch):
-    """As by Ctrl-C while it waits for its turn: whoever moves the arm must not go on with it."""
+def test_an_interrupted_stop_still_ends_the_move(
+    controller: RunningController, arm: UrArm, monkeypatch: pytest.MonkeyPatch
+):
+    """Ctrl-C may interrupt a stop that waits for another call. The thread that moves the arm must end the move."""
 
     def interrupted(*arguments: object, **named: object) -> None:
         raise KeyboardInterrupt
@@ -148,20 +150,20 @@ def test_a_stop_that_is_interrupted_itself(controller: RunningController, arm: U
         with pytest.raises(KeyboardInterrupt):
             arm.stop()
     assert isinstance(result[0], StoppedError)
-    is_over(controller, arm, controller.admin.log(begin))
+    assert_ended(controller, arm, controller.admin.log(begin))
 
 
-def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningController, arm: UrArm):
-    error, events = hit(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
+def test_only_an_acknowledgement_ends_a_protective_stop(controller: RunningController, arm: UrArm):
+    error, events = move_with_fault(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
     assert isinstance(error, ProtectiveStopError)
     stopped = kinds(events, "safety")[0]
-    is_over(controller, arm, events)
+    assert_ended(controller, arm, events)
     begin = controller.admin.state().events
 
     # Connecting does not unlock it.
     with pytest.raises(ProtectiveStopError):
         arm.connect()
-    # Too early: the robot itself refuses for 5 s.
+    # The robot refuses to unlock for 5 s.
     for early_s in (2.0, 4.9):
         until(lambda early_s=early_s: time.monotonic() >= stopped["stamp_s"] + early_s, 10.0)
         with pytest.raises(TooEarlyError, match=r"try again in [0-9.]+ s"):
@@ -183,20 +185,20 @@ def test_a_protective_stop_is_ended_by_a_person_only(controller: RunningControll
 
 
 @pytest.mark.parametrize("order", ["before", "after"])
-def test_a_stop_by_request_hides_no_protective_stop(controller: RunningController, arm: UrArm, order: str):
-    """Unlocked and played on at the pendant, a program that was only paused would finish its move."""
+def test_a_requested_stop_does_not_hide_a_protective_stop(controller: RunningController, arm: UrArm, order: str):
+    """A paused program would finish its move if it were unlocked and played at the pendant."""
     with thread_of(lambda: arm.move(far())) as result:
         moving(controller)
         begin = controller.admin.state().events
-        strikes = [controller.admin.protective_stop, arm.stop]
-        for strike in strikes if order == "before" else reversed(strikes):
-            strike()
+        stop_actions = [controller.admin.protective_stop, arm.stop]
+        for cause_fault in stop_actions if order == "before" else reversed(stop_actions):
+            cause_fault()
     assert isinstance(result[0], ProtectiveStopError)
-    is_over(controller, arm, controller.admin.log(begin))
+    assert_ended(controller, arm, controller.admin.log(begin))
 
 
-def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller: RunningController):
-    """A service that was started again after the stop."""
+def test_a_new_service_cannot_unlock_a_protective_stop_too_early(controller: RunningController):
+    """The service was restarted after the stop, so only the robot refuses."""
     begin = fresh(controller)
     controller.admin.protective_stop()
     arm = UrArm(FAST, controller.host)
@@ -209,7 +211,7 @@ def test_whoever_did_not_see_the_stop_is_refused_by_the_robot_itself(controller:
     assert not kinds(controller.admin.log(begin), "motion_start", "script_upload", "command")
 
 
-def test_acknowledging_without_a_fault_does_nothing_to_a_foreign_program(controller: RunningController):
+def test_an_acknowledgement_without_a_fault_does_not_end_a_foreign_program(controller: RunningController):
     fresh(controller)
     controller.admin.foreign_program()
     arm = UrArm(FAST, controller.host)
@@ -219,9 +221,9 @@ def test_acknowledging_without_a_fault_does_nothing_to_a_foreign_program(control
         UrArm(FAST, free_host()).acknowledge()
 
 
-def test_what_is_let_go_late_is_not_somebody_elses_program(controller: RunningController, arm: UrArm):
-    """Out of reach, ours was ended by its watchdog; until somebody acknowledges that, another one may run."""
-    hit(controller, arm, controller.admin.unreachable, LOST_S)
+def test_a_late_disconnection_does_not_end_a_foreign_program(controller: RunningController, arm: UrArm):
+    """The watchdog ended our program while the robot was unreachable, so another program may run before it is known."""
+    move_with_fault(controller, arm, controller.admin.unreachable, LOST_S)
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
     controller.admin.clear()
     controller.admin.foreign_program()
@@ -235,26 +237,28 @@ def test_what_is_let_go_late_is_not_somebody_elses_program(controller: RunningCo
     ("fault", "kind"),
     [("emergency_stop", EmergencyStopError), ("power_off", RobotNotReadyError)],
 )
-def test_stops_from_the_cell(controller: RunningController, arm: UrArm, fault: str, kind: type[CellError]):
-    error, events = hit(controller, arm, getattr(controller.admin, fault), PROTECTIVE_S)
+def test_an_emergency_stop_and_power_off_end_a_move(
+    controller: RunningController, arm: UrArm, fault: str, kind: type[CellError]
+):
+    error, events = move_with_fault(controller, arm, getattr(controller.admin, fault), PROTECTIVE_S)
     assert isinstance(error, kind)
-    is_over(controller, arm, events)
+    assert_ended(controller, arm, events)
     with pytest.raises(kind):
         arm.connect()
     with pytest.raises(kind):
         arm.acknowledge()
 
 
-def test_another_program_in_the_middle_of_a_move(controller: RunningController, arm: UrArm, monkeypatch):
-    """It ends ours; that something plays is then no sign of life."""
+def test_another_program_during_a_move_ends_the_move(controller: RunningController, arm: UrArm, monkeypatch):
+    """The other program ends ours. A playing program does not prove that the move continues."""
     monkeypatch.setattr("cell.arm.motion.STALL_S", 0.5)
-    error, events = hit(controller, arm, controller.admin.foreign_program, 5.0)
+    error, events = move_with_fault(controller, arm, controller.admin.foreign_program, 5.0)
     assert isinstance(error, MotionError | RobotLostError)
     assert not motion_commands(events)
     assert not kinds(events, "script_upload", "motion_start")
 
 
-def test_faults_of_an_arm_at_rest_are_noticed_too(controller: RunningController, arm: UrArm):
+def test_faults_of_an_arm_at_rest_are_detected(controller: RunningController, arm: UrArm):
     controller.admin.protective_stop()
     with pytest.raises(ProtectiveStopError):
         until(lambda: bool(arm.check_ready()), 2.0)
@@ -268,7 +272,7 @@ def test_faults_of_an_arm_at_rest_are_noticed_too(controller: RunningController,
         arm.state()
 
 
-def test_a_slow_link_is_no_lost_one(controller: RunningController, arm: UrArm):
+def test_a_slow_link_is_not_lost(controller: RunningController, arm: UrArm):
     controller.admin.slow(delay_s=0.03, rate_hz=50.0)
     arm.move(far(0.2))
 
@@ -286,7 +290,7 @@ def test_a_watchdog_that_fired_between_moves_ends_the_connection(controller: Run
 
 
 def in_time(expired: dict[str, Any], silent_from_s: float) -> bool:
-    """The watchdog fired as soon as is promised, but for the time in which this machine kept the controller itself."""
+    """Return whether the watchdog expired in time, without the time in which the controller process did not run."""
     late_s = expired["details"]["excused_s"]
     return expired["stamp_s"] - silent_from_s - late_s <= 1.1 / FAST.watchdog_hz
 
@@ -308,8 +312,8 @@ arm.close()
 """
 
 
-def test_a_process_that_is_suspended_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
-    """The controller's own watchdog stops the arm; woken up, the process does not go on."""
+def test_a_process_suspended_during_a_move_does_not_continue_it(controller: RunningController, tmp_path: Path):
+    """The watchdog of the controller stops the arm. The resumed process does not continue the move."""
     begin = fresh(controller)
     script = tmp_path / "parent.py"
     script.write_text(PARENT.format(root=str(Path(__file__).parents[3]), host=controller.host))
@@ -332,7 +336,7 @@ def test_a_process_that_is_suspended_in_the_middle_of_a_move(controller: Running
     assert len(motion_commands(controller.admin.log(begin))) == 1
 
 
-def test_a_process_that_is_killed_in_the_middle_of_a_move(controller: RunningController, tmp_path: Path):
+def test_the_watchdog_stops_the_arm_of_a_killed_process(controller: RunningController, tmp_path: Path):
     begin = fresh(controller)
     script = tmp_path / "parent.py"
     script.write_text(PARENT.format(root=str(Path(__file__).parents[3]), host=controller.host))
@@ -345,5 +349,5 @@ def test_a_process_that_is_killed_in_the_middle_of_a_move(controller: RunningCon
     until(lambda: not controller.admin.state().moving, 5.0)
     (expired,) = kinds(controller.admin.log(begin), "watchdog_expired")
     assert in_time(expired, killed_s)
-    # Its child went with it.
+    # The child of the process has ended too.
     until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)

@@ -1,4 +1,4 @@
-"""The end of a program over the dashboard."""
+"""Ending the control program over the dashboard."""
 
 import pytest
 
@@ -9,11 +9,11 @@ from cell.errors import RobotNotReadyError
 from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.arm.virtual_arm import dashboard_commands, fresh, until
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 def paused_program(controller: RunningController) -> ControlProgram:
-    """A program that stands for ours; paused, since one that plays would be ended by its watchdog."""
+    """Return a program in place of ours. It is paused, because its watchdog would end a playing program."""
     fresh(controller)
     program = ControlProgram(controller.host, watchdog_hz=2.5)
     controller.admin.foreign_program("rtde_control")
@@ -23,7 +23,7 @@ def paused_program(controller: RunningController) -> ControlProgram:
     return program
 
 
-def test_a_robot_that_refuses_to_end_it_is_asked_again(controller: RunningController):
+def test_a_refused_end_of_the_program_is_repeated(controller: RunningController):
     program = paused_program(controller)
     controller.admin.local_mode()
     program.end(5.0, including_foreign=True)
@@ -37,7 +37,7 @@ def test_a_robot_that_refuses_to_end_it_is_asked_again(controller: RunningContro
     assert controller.admin.state().program_state == "STOPPED"
 
 
-def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController):
+def test_an_ended_program_is_not_searched_again(controller: RunningController):
     program = paused_program(controller)
     assert stop_program(controller.host, 5.0) == "Stopped"
     begin = controller.admin.state().events
@@ -48,8 +48,10 @@ def test_one_that_is_gone_is_not_looked_for_again(controller: RunningController)
     assert dashboard_commands(controller.admin.log(begin)) == ["stop"]
 
 
-def test_nothing_is_unlocked_while_its_program_is_there(controller: RunningController, monkeypatch: pytest.MonkeyPatch):
-    """Somebody has the pendant for the moment in which the program should be ended."""
+def test_a_protective_stop_is_not_unlocked_while_the_program_exists(
+    controller: RunningController, monkeypatch: pytest.MonkeyPatch
+):
+    """The robot is in local mode at the moment in which the program should be ended."""
     paused_program(controller)
     begin = controller.admin.state().events
     ask = Dashboard.ask
@@ -68,13 +70,13 @@ def test_nothing_is_unlocked_while_its_program_is_there(controller: RunningContr
     assert "unlock protective stop" not in dashboard_commands(controller.admin.log(begin))
 
 
-def test_a_program_that_can_not_be_ended_is_not_acknowledged_away(controller: RunningController):
+def test_a_program_that_cannot_be_ended_is_not_acknowledged(controller: RunningController):
     fresh(controller)
     controller.admin.foreign_program("rtde_control")
     controller.admin.local_mode()
     with pytest.raises(RobotNotReadyError, match=r"still on it .*stop it at the pendant"):
         acknowledge_protective_stop(controller.host, None, program_ours=True)
     assert controller.admin.state().program_state == "PLAYING"
-    controller.admin.reset()  # somebody ends it there, and stays in local mode
+    controller.admin.reset()  # a person ends the program at the pendant and stays in local mode
     controller.admin.local_mode()
     acknowledge_protective_stop(controller.host, None, program_ours=True)

@@ -1,4 +1,4 @@
-"""The plain-socket dashboard client, against the virtual controller and against peers that misbehave."""
+"""The dashboard client with the virtual controller and with faulty servers."""
 
 import socket
 import threading
@@ -14,12 +14,12 @@ from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.arm.virtual_arm import dashboard_commands, fresh
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 @contextmanager
 def peer(serve: Callable[[socket.socket], None]) -> Iterator[str]:
-    """Something that listens on the dashboard's port and serves one connection as told; its address."""
+    """Yield the address of a server on the dashboard port that serves one connection by `serve`."""
     host = free_host()
     with socket.create_server((host, PORT)) as listener:
 
@@ -34,20 +34,21 @@ def peer(serve: Callable[[socket.socket], None]) -> Iterator[str]:
         thread.join(10.0)
 
 
-def soon(seconds: float = 5.0) -> float:
+def deadline(seconds: float = 5.0) -> float:
+    """Return a deadline in monotonic seconds."""
     return time.monotonic() + seconds
 
 
-def test_it_asks_and_gives_the_answers(controller: RunningController):
+def test_commands_return_the_answers(controller: RunningController):
     fresh(controller)
-    with Dashboard(controller.host, soon()) as dashboard:
+    with Dashboard(controller.host, deadline()) as dashboard:
         assert dashboard.ask("robotmode") == "Robotmode: RUNNING"
         assert dashboard.ask("safetystatus") == "Safetystatus: NORMAL"
         assert dashboard.ask("is in remote control") == "true"
         assert dashboard.ask("get robot model") == "UR5"
 
 
-def test_stopping_ends_a_program_and_without_one_says_so(controller: RunningController):
+def test_a_stop_ends_a_program_and_fails_without_one(controller: RunningController):
     begin = fresh(controller)
     controller.admin.foreign_program()
     assert stop_program(controller.host, 5.0) == "Stopped"
@@ -56,26 +57,26 @@ def test_stopping_ends_a_program_and_without_one_says_so(controller: RunningCont
     assert dashboard_commands(controller.admin.log(begin)) == ["stop", "stop"]
 
 
-def test_nobody_there_is_told_with_what_to_check():
+def test_an_unreachable_dashboard_is_reported():
     host = free_host()
-    for action in (lambda: Dashboard(host, soon()), lambda: stop_program(host, 5.0)):
+    for action in (lambda: Dashboard(host, deadline()), lambda: stop_program(host, 5.0)):
         with pytest.raises(RobotUnreachableError, match=rf"{host}, port 29999 .*check arm\.host"):
             action()
 
 
-def test_a_peer_that_never_answers_costs_the_deadline_and_no_more():
+def test_a_silent_server_is_reported_at_the_deadline():
     host = free_host()
-    # A listening socket that nobody serves: the kernel takes the connection.
+    # No process accepts the connection, but the kernel completes it.
     with socket.create_server((host, PORT)):
-        for action in (lambda: Dashboard(host, soon(0.2)), lambda: stop_program(host, 0.2)):
+        for action in (lambda: Dashboard(host, deadline(0.2)), lambda: stop_program(host, 0.2)):
             begin = time.monotonic()
             with pytest.raises(RobotUnreachableError, match="accepts connections but does not answer"):
                 action()
-            # A second for a busy machine.
+            # One second is allowed for a busy machine.
             assert 0.15 < time.monotonic() - begin < 1.2
 
 
-def test_a_peer_that_hangs_up_or_talks_without_end_is_told_as_such():
+def test_a_server_that_disconnects_or_sends_an_endless_line_is_reported():
     def hang_up(link: socket.socket) -> None:
         link.sendall(b"Connected: Universal Robots Dashboard Server\n")
         link.recv(100)
@@ -85,13 +86,13 @@ def test_a_peer_that_hangs_up_or_talks_without_end_is_told_as_such():
         link.recv(100)
 
     silent = pytest.raises(RobotUnreachableError, match="does not answer 'robotmode'")
-    with peer(hang_up) as host, Dashboard(host, soon()) as dashboard, silent:
+    with peer(hang_up) as host, Dashboard(host, deadline()) as dashboard, silent:
         dashboard.ask("robotmode")
     with peer(babble) as host, pytest.raises(RobotUnreachableError, match="does not answer"):
-        Dashboard(host, soon())
+        Dashboard(host, deadline())
 
 
-def test_the_stop_leaves_before_the_greeting_has_come():
+def test_a_stop_is_sent_before_the_greeting_arrives():
     received: list[bytes] = []
 
     def slow_to_greet(link: socket.socket) -> None:

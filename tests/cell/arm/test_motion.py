@@ -1,4 +1,4 @@
-"""How a watched move tells that the arm is not doing what it was sent to do."""
+"""Supervision of a move: stops, the watchdog and the speed slider."""
 
 from typing import Any
 
@@ -14,30 +14,28 @@ from tests.cell.arm.pendant import Pendant
 from tests.cell.arm.virtual_arm import FAST, far, fresh, kinds, motion_commands, moving, stops, thread_of, until
 from tests.cell.process.child_drivers import SlowToAllow
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
-def test_the_distance_from_the_joint_line():
+def test_the_distance_from_a_line_in_joint_space():
     q_from, q_to = np.zeros(6), np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0])
     assert distance_from_line(q_from, q_from, q_to) == 0.0
     assert distance_from_line(np.array([0.5, 1.0, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.0, abs=1e-12)
     assert distance_from_line(np.array([0.5, 1.0, 0.0, -0.2, 0.0, 0.1]), q_from, q_to) == pytest.approx(0.2)
-    # Beyond an end counts from the end; a move of no length is a point.
+    # Beyond an end, the distance is from the end. A move without length is a point.
     assert distance_from_line(np.array([1.0, 2.3, 0.0, 0.0, 0.0, 0.0]), q_from, q_to) == pytest.approx(0.3)
     assert distance_from_line(np.full(6, 0.1), q_from, q_from) == pytest.approx(0.1)
 
 
-def test_a_move_does_not_leave_once_a_stop_was_asked_for(
-    controller: RunningController, monkeypatch: pytest.MonkeyPatch
-):
-    """Also when the stop still waits for its turn; nothing of the move was sent when it was asked for."""
-    monkeypatch.setattr("cell.arm.connection.STOP_TURN_S", 5.0)  # else it would not wait, and end the process
+def test_no_move_is_sent_after_a_stop_request(controller: RunningController, monkeypatch: pytest.MonkeyPatch):
+    """The stop still waits for another call of the child, and no command of the move was sent before the request."""
+    monkeypatch.setattr("cell.arm.connection.STOP_TURN_S", 5.0)  # so that the stop waits and does not kill the process
     begin = fresh(controller)
     arm = UrArm(FAST, controller.host, SlowToAllow)
     try:
         arm.connect()
         with thread_of(lambda: arm.move(far())) as result:
-            until(lambda: any(asks_for_limits(event) for event in controller.admin.log(begin)), 5.0)
+            until(lambda: any(is_limits_query(event) for event in controller.admin.log(begin)), 5.0)
             arm.stop()
         assert isinstance(result[0], StoppedError)
         events = controller.admin.log(begin)
@@ -48,8 +46,8 @@ def test_a_move_does_not_leave_once_a_stop_was_asked_for(
         arm.close()
 
 
-def test_a_stop_that_outlasts_the_watchdog_is_no_fault(controller: RunningController):
-    """Nobody keeps the watchdog quiet after a stop: an arm that brakes slowly is ended by it, as it was asked for."""
+def test_a_watchdog_that_expires_during_braking_is_no_fault(controller: RunningController):
+    """The watchdog gets no signal after a stop, so it ends the program of an arm that brakes slowly."""
     begin = fresh(controller)
     arm = UrArm(FAST.model_copy(update={"stop_deceleration_m_s2": 1.0}), controller.host)
     try:
@@ -63,11 +61,11 @@ def test_a_stop_that_outlasts_the_watchdog_is_no_fault(controller: RunningContro
         arm.close()
 
 
-def asks_for_limits(event: dict[str, Any]) -> bool:
+def is_limits_query(event: dict[str, Any]) -> bool:
     return event["kind"] == "command" and "within" in event["details"]["name"]
 
 
-def test_an_arm_whose_speed_is_turned_down_moves_slowly_and_one_that_is_held_is_given_up(
+def test_the_speed_slider_slows_a_move_and_at_zero_ends_it(
     controller: RunningController, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("cell.arm.motion.STALL_S", 0.5)
@@ -83,7 +81,7 @@ def test_an_arm_whose_speed_is_turned_down_moves_slowly_and_one_that_is_held_is_
             pendant.call("slide_speed", 0.0, timeout_s=20.0)
         assert isinstance(result[0], MotionError)
         assert "speed slider is at 0%" in str(result[0])
-        # Given back its speed, it does not go on: the program has ended.
+        # With its speed restored, the arm does not continue, because the program has ended.
         pendant.call("slide_speed", 1.0, timeout_s=20.0)
         until(lambda: controller.admin.state().program_state == "STOPPED", 2.0)
         assert controller.admin.state().q_rad[0] < 1.9

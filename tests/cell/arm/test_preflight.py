@@ -1,4 +1,4 @@
-"""What is asked of a controller before anything is started."""
+"""Checks of a controller before a program is started."""
 
 import socket
 import threading
@@ -13,7 +13,7 @@ from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.arm.virtual_arm import dashboard_commands, fresh, kinds
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 QUESTIONS = {
     "robotmode", "safetystatus", "is in remote control", "programState", "get robot model", "get serial number",
@@ -21,7 +21,7 @@ QUESTIONS = {
 }  # fmt: skip
 
 
-def test_it_only_asks_and_tells_who_answered(controller: RunningController):
+def test_the_check_only_queries_and_returns_the_arm(controller: RunningController):
     begin = fresh(controller)
     info = probe(controller.host, "ur5e")
     assert info == ArmInfo(model="UR5", serial=info.serial, software="5.25.1")
@@ -43,13 +43,15 @@ def test_it_only_asks_and_tells_who_answered(controller: RunningController):
         ("unreachable", RobotUnreachableError, r"no robot answers .*check arm\.host"),
     ],
 )
-def test_what_keeps_it_from_being_driven(controller: RunningController, fault: str, error: type[CellError], words: str):
+def test_each_obstacle_is_reported_and_nothing_is_started(
+    controller: RunningController, fault: str, error: type[CellError], words: str
+):
     begin = fresh(controller)
     getattr(controller.admin, fault)()
     mark_started = time.monotonic()
     with pytest.raises(error, match=words):
         probe(controller.host, "ur5e")
-    assert time.monotonic() - mark_started < 3.0  # what is promised to who waits for it
+    assert time.monotonic() - mark_started < 3.0  # the promised limit
     controller.admin.clear()
     assert not kinds(controller.admin.log(begin), "script_upload", "command")
 
@@ -60,7 +62,7 @@ def test_another_model_is_refused_with_the_key_to_correct(controller: RunningCon
         probe(controller.host, "ur10e")
 
 
-def test_a_program_that_is_just_ending_is_waited_for(controller: RunningController):
+def test_the_check_waits_for_a_program_that_is_ending(controller: RunningController):
     fresh(controller)
     controller.admin.foreign_program()
     ending = threading.Timer(0.3, controller.admin.reset)
@@ -69,7 +71,7 @@ def test_a_program_that_is_just_ending_is_waited_for(controller: RunningControll
     ending.join()
 
 
-def test_what_is_no_ur_controller_is_told_as_such():
+def test_another_server_is_reported_as_no_ur_controller():
     host = free_host()
     with socket.create_server((host, RTDE_PORT)) as listener:
 
@@ -86,7 +88,7 @@ def test_what_is_no_ur_controller_is_told_as_such():
         thread.join(10.0)
 
 
-def test_names_are_looked_up():
+def test_a_host_name_is_resolved():
     try:
         socket.gethostbyname("localhost")
     except OSError:
@@ -94,13 +96,13 @@ def test_names_are_looked_up():
     assert resolve_host("localhost") == "127.0.0.1"
 
 
-def test_addresses_are_taken_and_bad_names_told():
+def test_an_address_is_accepted_and_an_unknown_name_is_rejected():
     assert resolve_host("127.0.0.9") == "127.0.0.9"
-    # A label longer than DNS has: refused without asking anybody.
+    # The label is too long for DNS, so it is refused without a query.
     with pytest.raises(RobotUnreachableError, match=r"is not known .*check arm\.host"):
         resolve_host("x" * 70 + ".invalid")
 
 
-def test_versions_are_read_out_of_what_the_robot_says():
+def test_the_software_version_is_parsed():
     assert software_version("URSoftware 5.12.4.1101661 (Jan 01 2023)") == "5.12.4"
     assert software_version("something else") == "something else"

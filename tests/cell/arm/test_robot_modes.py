@@ -1,4 +1,4 @@
-"""What modes mean for who wants the robot to move."""
+"""Robot and safety modes that do not allow a move."""
 
 from typing import get_args
 
@@ -14,7 +14,7 @@ from cell.errors import CellError, EmergencyStopError, ProtectiveStopError, Robo
     [
         ("running", "protective_stop", ProtectiveStopError, "then acknowledge"),
         ("running", "safeguard_stop", RobotNotReadyError, "close the door"),
-        # An emergency stop also takes the power: the button is the reason that counts.
+        # An emergency stop also switches the power off. The button is the reason.
         ("power_off", "robot_emergency_stop", EmergencyStopError, "release the button"),
         ("power_off", "normal", RobotNotReadyError, "switch it on"),
         ("idle", "normal", RobotNotReadyError, "release its brakes"),
@@ -22,12 +22,12 @@ from cell.errors import CellError, EmergencyStopError, ProtectiveStopError, Robo
         ("running", "violation", RobotNotReadyError, "must be restarted"),
     ],
 )
-def test_the_reason_is_told_with_what_to_do(
+def test_each_mode_has_a_reason_and_an_action(
     robot_mode: RobotMode, safety_mode: SafetyMode, error: type[CellError], words: str
 ):
-    told = mode_error(robot_mode, safety_mode)
-    assert type(told) is error
-    assert words in str(told)
+    found = mode_error(robot_mode, safety_mode)
+    assert type(found) is error
+    assert words in str(found)
 
 
 def test_only_a_running_robot_in_a_normal_or_reduced_mode_may_move():

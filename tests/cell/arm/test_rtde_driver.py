@@ -20,10 +20,10 @@ from tests.cell.arm.pendant import Pendant
 from tests.cell.arm.virtual_arm import HOME, far, fresh, kinds, motion_commands, moving, until
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 ANSWER_S = 20.0
-"""Starting Python and connecting, on a busy machine."""
+"""Time limit for the start of Python and the connection on a busy machine, seconds."""
 HZ = 2.5
 
 
@@ -36,7 +36,7 @@ def driver(controller: RunningController) -> Iterator[Child]:
     child.close()
 
 
-def test_it_reads_what_the_controller_says(controller: RunningController, driver: Child):
+def test_the_driver_reads_the_state_of_the_controller(controller: RunningController, driver: Child):
     reading: RtdeState = driver.call("poll", timeout_s=ANSWER_S)
     assert (reading.robot_mode, reading.safety_mode, reading.program) == ("running", "normal", "playing")
     assert reading.connected
@@ -45,12 +45,12 @@ def test_it_reads_what_the_controller_says(controller: RunningController, driver
     np.testing.assert_allclose(reading.q_rad, HOME, atol=1e-9)
     time.sleep(0.1)
     later: RtdeState = driver.call("poll", timeout_s=ANSWER_S)
-    # The controller's clock runs on, and is fresh: it comes 125 times a second.
+    # The clock of the controller advances, with 125 updates per second.
     assert later.controller_s > reading.controller_s + 0.05
     assert later.age_s < 0.1
 
 
-def test_a_tool_set_at_the_pendant_is_told_with_its_pose(controller: RunningController):
+def test_a_tool_set_at_the_pendant_is_read_with_its_pose(controller: RunningController):
     fresh(controller)
     tool = (0.02, -0.03, 0.17, 0.3, -0.2, 0.5)
     setter = Child("tool", Pendant, controller.host)
@@ -59,17 +59,17 @@ def test_a_tool_set_at_the_pendant_is_told_with_its_pose(controller: RunningCont
     until(lambda: controller.admin.state().connections["rtde"] == 0, 5.0)
     driver = Child("arm", UrDriver, controller.host, HZ)
     try:
-        reading, told = driver.call("at_rest", timeout_s=ANSWER_S)
+        reading, read_tool = driver.call("at_rest", timeout_s=ANSWER_S)
     finally:
         driver.close()
-    np.testing.assert_allclose(told, tool, atol=1e-9)
+    np.testing.assert_allclose(read_tool, tool, atol=1e-9)
     T_base_tcp = from_rotation_vector(reading.base_tcp[:3], reading.base_tcp[3:])
     T_base_flange = controller.admin.state().T_base_flange
     T_flange_tcp = from_rotation_vector(tool[:3], tool[3:])
     np.testing.assert_allclose(T_base_tcp, T_base_flange @ T_flange_tcp, atol=1e-9)
 
 
-def test_a_move_runs_while_other_calls_are_answered(controller: RunningController, driver: Child):
+def test_other_calls_return_during_a_move(controller: RunningController, driver: Child):
     begin = controller.admin.state().events
     before = driver.call("start_move", tuple(far(0.3).tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     update_state: list[RtdeState] = []
@@ -97,14 +97,14 @@ def test_after_a_stop_this_process_sends_no_move(controller: RunningController, 
     assert not motion_commands(controller.admin.log(begin))
 
 
-def test_between_moves_the_watchdog_is_quiet_without_the_parent(controller: RunningController, driver: Child):
+def test_between_moves_the_driver_serves_the_watchdog_without_the_parent(controller: RunningController, driver: Child):
     begin = controller.admin.state().events
     time.sleep(3.0 / HZ)
     assert controller.admin.state().program_state == "PLAYING"
     assert not kinds(controller.admin.log(begin), "watchdog_expired")
 
 
-def test_but_only_for_as_long_as_the_parent_is_heard(controller: RunningController):
+def test_the_driver_does_not_serve_the_watchdog_for_a_silent_parent(controller: RunningController):
     begin = fresh(controller)
     child = Child("arm", UrDriver, controller.host, HZ, ANSWER_S, 0.5)
     try:
@@ -115,7 +115,7 @@ def test_but_only_for_as_long_as_the_parent_is_heard(controller: RunningControll
         child.close()
 
 
-def test_during_a_move_only_the_parents_polls_keep_it_quiet(controller: RunningController, driver: Child):
+def test_during_a_move_only_polls_of_the_parent_serve_the_watchdog(controller: RunningController, driver: Child):
     begin = controller.admin.state().events
     driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 10.0)
@@ -123,14 +123,14 @@ def test_during_a_move_only_the_parents_polls_keep_it_quiet(controller: RunningC
     assert controller.admin.state().q_rad[0] < 1.5
 
 
-def test_a_broken_connection_is_never_made_again(controller: RunningController, driver: Child):
-    """ur_rtde would reconnect by itself, upload its script and send its last command once more."""
+def test_a_broken_connection_is_not_restored(controller: RunningController, driver: Child):
+    """ur_rtde would reconnect, upload its script and repeat its last command."""
     driver.call("start_move", tuple(far().tolist()), 1.0, 2.0, timeout_s=ANSWER_S)
     moving(controller, share=0.02)
     begin = controller.admin.state().events
     controller.admin.drop()
-    # Whether it is told as a reading or as an error is a matter of moments; and once in some hundred times ur_rtde's
-    # threads crash over it, for which among others they have a process of their own.
+    # The loss appears in the state or as an error, depending on the time. In about one of a hundred runs, the threads
+    # of ur_rtde crash, which is a reason for the separate process.
     with contextlib.suppress(RobotLostError, ChildLostError):
         until(lambda: not driver.call("poll", timeout_s=ANSWER_S).connected, 5.0)
     time.sleep(0.5)  # reconnecting takes ur_rtde about 50 ms
@@ -138,7 +138,7 @@ def test_a_broken_connection_is_never_made_again(controller: RunningController, 
     assert not kinds(events, "connected", "script_upload", "command")
 
 
-def test_a_constructor_that_hangs_is_ended_though_it_holds_the_interpreters_lock():
+def test_a_hanging_constructor_that_holds_the_gil_is_killed():
     host = free_host()
     with socket.create_server((host, RTDE_PORT)):
         child = Child("arm", UrDriver, host, HZ, 0.3)
@@ -147,14 +147,14 @@ def test_a_constructor_that_hangs_is_ended_though_it_holds_the_interpreters_lock
         child.close()
 
 
-def test_nobody_there_is_told():
+def test_an_unreachable_robot_is_reported():
     child = Child("arm", UrDriver, free_host(), HZ)
     with pytest.raises(RobotUnreachableError, match="connecting to the robot at"):
         child.call("poll", timeout_s=ANSWER_S)
     child.close()
 
 
-def test_two_cannot_drive_one_robot(controller: RunningController, driver: Child):
+def test_a_second_driver_of_a_robot_is_refused(controller: RunningController, driver: Child):
     other = Child("arm", UrDriver, controller.host, HZ)
     try:
         with pytest.raises(RobotNotReadyError, match="something else writes the robot's RTDE registers"):
@@ -163,7 +163,7 @@ def test_two_cannot_drive_one_robot(controller: RunningController, driver: Child
         other.close()
 
 
-def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
+def test_the_safety_bits_precede_the_safety_mode():
     assert decode_safety_mode(1, 0b1) == "normal"
     assert decode_safety_mode(2, 0b10) == "reduced"
     assert decode_safety_mode(1, 0b101) == "protective_stop"
@@ -173,7 +173,7 @@ def test_bits_know_of_stops_that_the_mode_does_not_tell_yet():
     assert {decode_safety_mode(kind, 0) for kind in (5, 12, 13, 14)} == {"safeguard_stop"}
 
 
-def test_poses_are_the_same_whichever_way_half_a_turn_is_written():
+def test_poses_with_opposite_half_turns_are_equal():
     down = (0.1, -0.4, 0.3, np.pi - 1e-5, 1e-5, 0.0)
     assert same_pose(down, (0.1, -0.4, 0.3, 1e-5 - np.pi, 1e-5, 0.0))
     assert same_pose((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), (0.1, 0.0, 1e-4, 1e-4, 0.0, 0.0))
@@ -190,5 +190,5 @@ def test_poses_are_the_same_whichever_way_half_a_turn_is_written():
         ("anything else", RobotUnreachableError),
     ],
 )
-def test_the_vendors_words_become_errors_of_ours(said: str, error: type[Exception]):
+def test_messages_of_the_vendor_become_our_errors(said: str, error: type[Exception]):
     assert type(_not_connected("10.0.0.7", said)) is error

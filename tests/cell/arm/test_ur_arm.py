@@ -1,4 +1,4 @@
-"""The arm as the cell sees it: connecting, moving, stopping, letting go. Real ur_rtde, virtual controller."""
+"""Connecting, moving, stopping and closing the arm, with the real ur_rtde and the virtual controller."""
 
 import os
 import random
@@ -34,17 +34,17 @@ from tests.cell.arm.virtual_arm import (
 )
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 WIRE_S = 0.05
-"""A stop is on the wire so soon: what is promised."""
+"""Promised limit of the time until a stop is on the wire, seconds."""
 STILL_S = 0.35
-"""After it the arm is still so soon: what is promised."""
+"""Promised limit of the time from the stop until the arm is at rest, seconds."""
 
 
 @pytest.fixture
 def arm(controller: RunningController) -> Iterator[UrArm]:
-    """Connected, at HOME."""
+    """Yield a connected arm at HOME."""
     fresh(controller)
     arm = UrArm(FAST, controller.host)
     arm.connect()
@@ -52,20 +52,20 @@ def arm(controller: RunningController) -> Iterator[UrArm]:
     arm.close()
 
 
-def test_it_connects_moves_and_tells_where_it_is(controller: RunningController, arm: UrArm):
+def test_a_move_returns_the_reached_state(controller: RunningController, arm: UrArm):
     as_an_arm: Arm = arm
     state = as_an_arm.move(far(0.4))
     np.testing.assert_allclose(state.q_rad, far(0.4), atol=2e-3)
     assert np.abs(state.qd_rad_s).max() < 3e-3
     assert not state.moving
     assert (state.robot_mode, state.safety_mode) == ("running", "normal")
-    # Both from the controller's own kinematics, through pose vectors of doubles.
+    # Both poses are from the kinematics of the controller, as pose vectors of doubles.
     np.testing.assert_allclose(state.T_base_flange, controller.admin.state().T_base_flange, atol=1e-9)
     assert arm.latest is state
     arm.check_ready()
 
 
-def test_it_tells_who_answered_and_gives_back_a_free_robot(controller: RunningController):
+def test_connect_returns_the_arm_and_close_frees_the_robot(controller: RunningController):
     begin = fresh(controller)
     arm = UrArm(FAST, controller.host)
     info = arm.connect()
@@ -91,7 +91,7 @@ def test_a_tool_set_at_the_pendant_does_not_shift_the_flange(controller: Running
         np.testing.assert_allclose(state.T_base_flange, controller.admin.state().T_base_flange, atol=1e-9)
         with thread_of(lambda: arm.move(far(0.6))):
             moving(controller)
-            # What is told in passing has the tool taken off as well: on the line of the flange, within its calibration.
+            # The tool is removed from poses during a move too. The tolerance is that of the calibration of the arm.
             latest = arm.latest
             assert latest is not None
             T_nominal = ur_kinematics.forward("ur5e", latest.q_rad)
@@ -100,11 +100,11 @@ def test_a_tool_set_at_the_pendant_does_not_shift_the_flange(controller: Running
         arm.close()
 
 
-def test_moving_to_where_it_is_is_no_fault(arm: UrArm):
+def test_a_move_to_the_present_position_succeeds(arm: UrArm):
     np.testing.assert_allclose(arm.move(HOME).q_rad, HOME, atol=2e-3)
 
 
-def test_refused_angles_move_nothing_and_leave_the_arm_usable(controller: RunningController, arm: UrArm):
+def test_rejected_angles_cause_no_move_and_the_arm_stays_usable(controller: RunningController, arm: UrArm):
     begin = controller.admin.state().events
     with pytest.raises(MotionError, match="safety limits"):
         arm.move(HOME + [7.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -119,7 +119,7 @@ def test_refused_angles_move_nothing_and_leave_the_arm_usable(controller: Runnin
     ("fault", "error"),
     [("local_mode", RobotNotReadyError), ("foreign_program", RobotNotReadyError), ("power_off", RobotNotReadyError)],
 )
-def test_a_robot_that_must_not_be_driven_is_left_alone(
+def test_a_robot_that_must_not_be_driven_is_unchanged(
     controller: RunningController, fault: str, error: type[CellError]
 ):
     begin = fresh(controller)
@@ -138,7 +138,7 @@ def test_a_robot_that_must_not_be_driven_is_left_alone(
     assert controller.admin.state().program == state.program
 
 
-def test_nobody_there_is_told_soon():
+def test_an_unreachable_robot_is_reported_within_three_seconds():
     arm = UrArm(FAST, free_host())
     begin = time.monotonic()
     with pytest.raises(RobotUnreachableError, match=r"check arm\.host"):
@@ -154,15 +154,15 @@ def test_an_arm_of_another_size_is_refused(controller: RunningController, monkey
     with pytest.raises(RobotNotReadyError, match=r"the robot is a UR5, not 'ur3e' as arm\.model says"):
         UrArm(settings, controller.host).connect()
     assert not kinds(controller.admin.log(begin), "script_upload")
-    # One that says nothing of its size gives itself away by where its flange is; nothing has moved then.
-    monkeypatch.setattr("cell.arm.preflight.Dashboard.ask", _sizeless(Dashboard.ask))
+    # The model name has no size here, so the pose of the flange reveals the model. The arm has not moved then.
+    monkeypatch.setattr("cell.arm.preflight.Dashboard.ask", _without_size(Dashboard.ask))
     with pytest.raises(RobotNotReadyError, match=r"mm from the position that a ur3e would have: correct arm\.model"):
         UrArm(settings, controller.host).connect()
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
     assert not motion_commands(controller.admin.log(begin))
 
 
-def _sizeless(ask: Callable[[Dashboard, Command], str]) -> Callable[[Dashboard, Command], str]:
+def _without_size(ask: Callable[[Dashboard, Command], str]) -> Callable[[Dashboard, Command], str]:
     return lambda dashboard, command: "UR3" if command == "get robot model" else ask(dashboard, command)
 
 
@@ -171,8 +171,8 @@ def _sizeless(ask: Callable[[Dashboard, Command], str]) -> Callable[[Dashboard, 
     [6, pytest.param(200, marks=[pytest.mark.soak, pytest.mark.timeout(3600)])],
 )
 def test_stops_at_random_moments(controller: RunningController, arm: UrArm, count: int):
-    """Each is on the wire at once, the arm is still soon, and no motion command ever follows."""
-    chance = random.Random(7)
+    """Each stop is on the wire in time, the arm comes to rest in time, and no motion command follows."""
+    rng = random.Random(7)
     waits, stills = [], []
     for _ in range(count):
         begin = controller.admin.state().events
@@ -183,7 +183,7 @@ def test_stops_at_random_moments(controller: RunningController, arm: UrArm, coun
                     arm.move(far(turn))
 
         with thread_of(wander) as result:
-            time.sleep(chance.uniform(0.0, 1.0))
+            time.sleep(rng.uniform(0.0, 1.0))
             called_s = time.monotonic()
             arm.stop()
         assert isinstance(result[0], StoppedError)
@@ -198,24 +198,24 @@ def test_stops_at_random_moments(controller: RunningController, arm: UrArm, coun
         ends = [event["stamp_s"] for event in kinds(events, "still", "motion_done") if event["stamp_s"] > sent_s]
         stills.append(max(ends, default=sent_s) - sent_s)
         arm.connect()
-    # One in a hundred (and of the few) may meet a machine that is busy with something else.
+    # One in a hundred (at least one) may be late on a busy machine.
     assert sorted(waits)[-1 - max(1, count // 100)] <= WIRE_S
-    # By the controller's clock.
+    # By the clock of the controller.
     assert max(stills) <= STILL_S
 
 
-def test_stopping_an_arm_at_rest_keeps_it_there_until_it_is_connected_again(controller: RunningController, arm: UrArm):
+def test_a_stopped_arm_at_rest_does_not_move_until_it_is_connected_again(controller: RunningController, arm: UrArm):
     arm.stop()
     arm.stop()
     with pytest.raises(StoppedError, match="connect, or start"):
         arm.move(far())
-    # Its own word: on a busy machine the stop goes over the dashboard, and the arm cannot be asked any more.
+    # The controller is queried, because on a busy machine the stop may have closed the connection of the arm.
     assert not controller.admin.state().moving
     arm.connect()
     arm.move(far(0.1))
 
 
-def test_a_child_that_hangs_does_not_keep_the_arm_from_stopping(controller: RunningController, arm: UrArm):
+def test_a_stop_works_while_the_child_hangs(controller: RunningController, arm: UrArm):
     begin = controller.admin.state().events
     with thread_of(lambda: arm.move(far())) as result:
         moving(controller)
@@ -233,7 +233,7 @@ def test_a_child_that_hangs_does_not_keep_the_arm_from_stopping(controller: Runn
     arm.move(HOME)
 
 
-def test_stop_reaches_an_arm_that_is_being_connected(controller: RunningController):
+def test_a_stop_during_connecting_cancels_it(controller: RunningController):
     begin = fresh(controller)
     arm = UrArm(FAST, controller.host)
     try:
@@ -249,8 +249,8 @@ def test_stop_reaches_an_arm_that_is_being_connected(controller: RunningControll
         arm.close()
 
 
-def test_a_stop_counts_from_the_moment_at_which_connecting_begins(controller: RunningController, arm: UrArm):
-    """Also while what was there before is still being let go: here that takes as long as a hanging child may."""
+def test_a_stop_at_the_start_of_connecting_cancels_it(controller: RunningController, arm: UrArm):
+    """The former connection is still being closed, which takes long because its child hangs."""
     begin = controller.admin.state().events
     assert arm._link.child is not None
     os.kill(arm._link.child.pid, signal.SIGSTOP)
@@ -263,7 +263,7 @@ def test_a_stop_counts_from_the_moment_at_which_connecting_begins(controller: Ru
     assert not motion_commands(controller.admin.log(begin))
 
 
-def test_somebody_elses_program_that_took_the_robot_is_left_alone(controller: RunningController, arm: UrArm):
+def test_a_foreign_program_is_reported_and_not_ended(controller: RunningController, arm: UrArm):
     controller.admin.foreign_program()
     begin = controller.admin.state().events
     for attempt in (arm.state, lambda: arm.move(far()), arm.connect):
@@ -277,9 +277,7 @@ def test_somebody_elses_program_that_took_the_robot_is_left_alone(controller: Ru
     assert controller.admin.state().program == "welding.urp"
 
 
-def test_a_move_is_not_sent_to_somebody_elses_program_nor_is_it_ended_by_letting_go(
-    controller: RunningController, arm: UrArm
-):
+def test_neither_a_move_nor_close_affects_a_foreign_program(controller: RunningController, arm: UrArm):
     controller.admin.foreign_program()
     begin = controller.admin.state().events
     with pytest.raises(RobotNotReadyError, match=r"another program \(welding.urp\)"):
@@ -288,11 +286,11 @@ def test_a_move_is_not_sent_to_somebody_elses_program_nor_is_it_ended_by_letting
     controller.admin.reset(HOME)
     arm.connect()
     controller.admin.foreign_program()
-    arm.close()  # which has not noticed it
+    arm.close()  # the arm has not detected the program
     assert controller.admin.state().program == "welding.urp"
 
 
-def test_closing_stops_a_move_under_way(controller: RunningController, arm: UrArm):
+def test_close_stops_a_move(controller: RunningController, arm: UrArm):
     with thread_of(lambda: arm.move(far())) as result:
         moving(controller)
         arm.close()
@@ -303,16 +301,16 @@ def test_closing_stops_a_move_under_way(controller: RunningController, arm: UrAr
 
 
 @pytest.mark.parametrize("silent", [False, True], ids=["answering", "silent"])
-def test_a_program_that_somebody_ended_is_not_started_again_by_itself(
+def test_a_program_that_was_ended_is_not_restarted_automatically(
     controller: RunningController, arm: UrArm, *, silent: bool
 ):
-    """Also when the child says nothing, as when it has just asked something of the program in place of ours."""
+    """The child may be silent, as when it waits for an answer of the other program."""
     begin = controller.admin.state().events
     if silent:
         assert arm._link.child is not None
         os.kill(arm._link.child.pid, signal.SIGSTOP)
     controller.admin.foreign_program()
-    controller.admin.reset(HOME)  # ... and ended again: the robot is free, and ours is gone
+    controller.admin.reset(HOME)  # the other program ends, so that the robot is free and our program has ended
     until(lambda: controller.admin.state().program_state == "STOPPED", 5.0)
     with pytest.raises(RobotLostError, match="Connect again"):
         arm.move(far())
@@ -323,7 +321,7 @@ def test_a_program_that_somebody_ended_is_not_started_again_by_itself(
     arm.move(far(0.1))
 
 
-def test_connecting_again_and_again_leaves_nothing_behind(controller: RunningController):
+def test_repeated_connecting_leaks_nothing(controller: RunningController):
     fresh(controller)
 
     def open_files() -> int:

@@ -1,4 +1,4 @@
-"""Where the flange of an arm that is not there is: in a file that a test writes."""
+"""The flange pose of an arm that does not exist: a file that a test writes."""
 
 import time
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class FlangeFile:
-    """A `cell.simulation.devices.flange_pose.PoseSource` that another process can take along."""
+    """A `cell.simulation.devices.flange_pose.PoseSource` that can be sent to another process."""
 
     path: Path
 
     def __call__(self) -> NDArray[np.float64]:
-        """The pose (4, 4) now, by what was written last. Raises OSError."""
+        """Return the present pose (4, 4) by the last write. Raise OSError if there is none."""
         with np.load(self.path) as moved:
             return moved["after"] if time.monotonic() >= moved["at_s"] else moved["before"]
 
     def write(self, T_base_flange: NDArray[np.float64], at_s: float = 0.0) -> None:
-        """The flange is there from `at_s` of `time.monotonic()` on, now unless given; until then where it is now."""
+        """Set the pose from `at_s` on (monotonic seconds; now by default). Until then, the present pose is kept."""
         before = self() if at_s > 0 else T_base_flange
         unfinished = self.path.with_suffix(".new.npz")
         np.savez(unfinished, before=before, after=T_base_flange, at_s=at_s)
@@ -28,5 +28,5 @@ class FlangeFile:
 
 
 def flange_file(path: str) -> FlangeFile:
-    """As `controller_pose`, with a path in place of a controller's address."""
+    """Return the pose source of a path, like `controller_pose` for the address of a controller."""
     return FlangeFile(Path(path))

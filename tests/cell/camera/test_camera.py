@@ -1,4 +1,4 @@
-"""The camera in its child process: the simulated one, whose flange is where a file says, and a real one's absence."""
+"""The camera in its child process: a simulated camera with the flange pose in a file, and a missing real camera."""
 
 import os
 import signal
@@ -37,13 +37,13 @@ from tests.cell.arm.virtual_arm import thread_of, until
 from tests.cell.camera.flange_file import FlangeFile, flange_file
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 SETTINGS = SimulatedCamera(model="ideal", errors=0.0, scene="straight", fps=50.0)
 
 
 SOON_S = 3.0
-"""That there is no camera is told so soon: what is promised."""
+"""Promised limit of the time until a missing camera is reported, seconds."""
 
 
 def small_world() -> SimulatedWorld:
@@ -56,11 +56,12 @@ def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.
 
 
 def runs(pid: int | None) -> bool:
-    """Whether there is such a process, be it a zombie."""
+    """Return whether the process exists, also as a zombie."""
     return pid is not None and Path(f"/proc/{pid}").exists()
 
 
 def ask_until_lost(camera: LiveCamera) -> None:
+    """Query the camera repeatedly, so that a lost camera raises its error."""
     for _ in range(100):
         camera.info()
         time.sleep(0.1)
@@ -79,7 +80,7 @@ def flange(tmp_path_factory: pytest.TempPathFactory, world: SimulatedWorld) -> F
 
 
 def simulated_camera(world: SimulatedWorld, prepare_pose: Callable[[], Callable[[], PoseSource]]) -> LiveCamera:
-    """A camera of the world; `prepare_pose` is called at connecting and gives what makes the source of poses."""
+    """Return a camera of the world. `prepare_pose` is called at connecting and returns a factory of the pose source."""
 
     def prepare_driver() -> MakeDriver:
         return partial(OakDriver, SETTINGS, partial(open_simulated, SETTINGS, world, prepare_pose()))
@@ -96,7 +97,7 @@ def one_camera(world: SimulatedWorld, flange: FlangeFile) -> Iterator[LiveCamera
 
 @pytest.fixture
 def camera(one_camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile) -> LiveCamera:
-    """Connected and well; connecting takes seconds, so one serves all tests that leave it so."""
+    """Return the shared camera, connected and without a fault. Connecting takes seconds."""
     flange.write(looking_down(world))
     if not one_camera.connected:
         one_camera.connect()
@@ -104,47 +105,45 @@ def camera(one_camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile) ->
     return one_camera
 
 
-def test_the_camera_tells_what_it_is(camera: LiveCamera, world: SimulatedWorld) -> None:
+def test_the_camera_returns_its_description(camera: LiveCamera, world: SimulatedWorld) -> None:
     info = camera.info()
     assert (info.product, info.device_id) == ("simulated ideal", world.camera_id)
     assert (info.width, info.height, info.connection, info.warnings) == (160, 100, "simulated", ())
 
 
-def test_a_capture_shows_the_scene_from_where_the_arm_came_to_rest(
+def test_a_capture_shows_the_scene_from_the_pose_at_rest(
     camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile
 ) -> None:
     after_s = time.monotonic() + 0.5
     flange.write(looking_down(world, 0.7), at_s=after_s)
     frame = camera.capture(after_s)
-    asked_s = time.time()
-    # The model is exact: no exposure of before, and none of another place, is in the median.
+    answered_s = time.time()
+    # The model is exact, so the median contains no exposure from before or from another pose.
     assert np.array_equal(frame.depth, FrameSource(world).render_depth(looking_down(world, 0.7)))
     assert frame.exposures == SETTINGS.exposures
     assert frame.depth_unit_m == camera.info().depth_unit_m == world.camera.depth_unit_m
     assert np.abs(frame.K - world.camera.K).max() < 1e-4
     # The last exposure began after `after_s`, and before the answer.
-    assert asked_s - (time.monotonic() - after_s) - 0.01 < frame.stamp_s <= asked_s
+    assert answered_s - (time.monotonic() - after_s) - 0.01 < frame.stamp_s <= answered_s
 
 
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [("zero", "all zero"), ("constant", "same depth at all measured pixels"), ("stale", "its clock is wrong")],
 )
-def test_frames_that_show_nothing_are_refused_and_the_next_look_is_well(
-    camera: LiveCamera, fault: str, reason: str
-) -> None:
+def test_an_empty_frame_is_rejected_and_the_next_capture_succeeds(camera: LiveCamera, fault: str, reason: str) -> None:
     pid = camera.pid
     camera.fault(fault)  # pyright: ignore[reportArgumentType]
     with pytest.raises(BadFrameError, match=reason):
         camera.capture(time.monotonic())
     camera.fault("none")
     assert camera.capture(time.monotonic()).depth.any()
-    # There was nothing to mend by a new connection.
+    # The camera was not connected again.
     assert camera.pid == pid
 
 
 @pytest.mark.parametrize("fault", ["silent", "lost"])
-def test_a_camera_that_falls_silent_or_breaks_its_link_is_connected_once_more(camera: LiveCamera, fault: str) -> None:
+def test_a_silent_or_disconnected_camera_is_connected_again(camera: LiveCamera, fault: str) -> None:
     pid = camera.pid
     camera.fault(fault)  # pyright: ignore[reportArgumentType]
     assert camera.capture(time.monotonic()).depth.any()
@@ -152,19 +151,19 @@ def test_a_camera_that_falls_silent_or_breaks_its_link_is_connected_once_more(ca
     assert not runs(pid)
 
 
-def test_a_killed_camera_process_costs_no_view(camera: LiveCamera, world: SimulatedWorld) -> None:
-    """Killed while it waits for the arm to settle; the look succeeds, and shows what it would have shown."""
+def test_a_killed_camera_process_loses_no_view(camera: LiveCamera, world: SimulatedWorld) -> None:
+    """The process is killed while it waits for the arm to settle. The capture succeeds with the same image."""
     pid = camera.pid
     assert pid is not None
 
-    def kill_at_work() -> None:
+    def kill_during_capture() -> None:
         child = camera._child
         assert child is not None
         while not child._turn.locked():
             time.sleep(0.001)
         os.kill(pid, signal.SIGKILL)
 
-    threading.Thread(target=kill_at_work).start()
+    threading.Thread(target=kill_during_capture).start()
     frame = camera.capture(time.monotonic() + 0.5)
     assert np.array_equal(frame.depth, FrameSource(world).render_depth(looking_down(world)))
     assert camera.connected
@@ -172,7 +171,9 @@ def test_a_killed_camera_process_costs_no_view(camera: LiveCamera, world: Simula
     assert not runs(pid)
 
 
-def test_a_frozen_camera_process_is_noticed_and_replaced(camera: LiveCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_suspended_camera_process_is_detected_and_replaced(
+    camera: LiveCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cell.camera.camera.ASK_S", 0.5)
     pid = camera.pid
     assert pid is not None
@@ -181,12 +182,12 @@ def test_a_frozen_camera_process_is_noticed_and_replaced(camera: LiveCamera, mon
     assert not runs(pid)
 
 
-def test_a_camera_that_cannot_be_connected_again_is_lost_until_it_can(
+def test_a_camera_that_cannot_be_connected_again_is_lost_until_the_next_capture(
     camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile
 ) -> None:
-    """One retry, then an error: the view is missing. The next look tries again, and here succeeds."""
+    """After one retry the view is missing. The next capture tries again and succeeds."""
     assert camera.pid is not None
-    flange.path.unlink()  # nobody tells any more where the flange is: the simulated camera cannot start
+    flange.path.unlink()  # without a flange pose, the simulated camera cannot start
     os.kill(camera.pid, signal.SIGKILL)
     with pytest.raises(
         CameraLostError, match=r"has ended .exit code -9.*could not be connected again: .*read the flange pose"
@@ -201,15 +202,15 @@ def test_a_camera_that_cannot_be_connected_again_is_lost_until_it_can(
     assert camera.connected
 
 
-def test_a_silent_camera_that_stays_silent_is_told(camera: LiveCamera, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The process that replaces it is silent too: here the same one, as nothing else can silence a new one in time."""
+def test_a_camera_that_stays_silent_is_reported(camera: LiveCamera, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The camera is not replaced here, because a test cannot silence a new process in time."""
     monkeypatch.setattr(camera, "_reopen", lambda: None)
     camera.fault("silent")
     with pytest.raises(NoFramesError, match=r"no frame for 2\.0 s"):
         camera.capture(time.monotonic())
 
 
-def test_connecting_and_closing_leaves_nothing_behind(camera: LiveCamera) -> None:
+def test_connecting_and_closing_leaks_nothing(camera: LiveCamera) -> None:
     def open_files() -> int:
         return len(list(Path("/proc/self/fd").iterdir()))
 
@@ -228,7 +229,7 @@ def test_connecting_and_closing_leaves_nothing_behind(camera: LiveCamera) -> Non
         camera.capture(time.monotonic())
 
 
-def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld) -> None:
+def test_the_camera_uses_the_flange_pose_of_the_virtual_controller(world: SimulatedWorld) -> None:
     controller = start_controller("ur5e")
     camera = simulated_camera(world, lambda: partial(controller_pose, controller.host))
     try:
@@ -237,7 +238,7 @@ def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld)
         frame = camera.capture(time.monotonic())
         assert np.array_equal(frame.depth, FrameSource(world).render_depth(controller.admin.pose()))
         controller.close()
-        # Its process answers, but it is lost: from now on it counts as not connected.
+        # The process of the camera answers, but the camera is lost, so it counts as not connected.
         with pytest.raises(CameraLostError, match="lost the flange pose: no virtual controller answers"):
             ask_until_lost(camera)
         assert not camera.connected
@@ -246,29 +247,27 @@ def test_the_virtual_controller_tells_where_the_camera_is(world: SimulatedWorld)
         controller.close()
 
 
-def test_a_camera_that_does_not_open_can_be_given_up_by_another_thread(
-    world: SimulatedWorld, flange: FlangeFile
-) -> None:
-    """Frozen, it would be waited for as long as a slow one."""
+def test_another_thread_can_cancel_the_connecting_of_a_camera(world: SimulatedWorld, flange: FlangeFile) -> None:
+    """The process of the camera is suspended and would reach the timeout."""
     camera = simulated_camera(world, lambda: partial(flange_file, str(flange.path)))
     with thread_of(camera.connect) as result:
         until(lambda: camera.pid is not None, 5.0)
         assert camera.pid is not None
         os.kill(camera.pid, signal.SIGSTOP)
-        given_up_s = time.monotonic()
+        cancelled_s = time.monotonic()
         camera.cancel_connecting()
     error, ended_s = result
     assert isinstance(error, CameraUnreachableError)
     assert "was cancelled" in str(error)
-    assert ended_s - given_up_s < 5.0  # of the 60 s that it would take
+    assert ended_s - cancelled_s < 5.0  # the timeout is 60 s
     assert camera.pid is None
-    # For good: nobody is there to close one that is connected later.
+    # The cancel is permanent, because a camera that is connected later would not be closed.
     with pytest.raises(CameraUnreachableError, match="was cancelled"):
         camera.connect()
     assert camera.pid is None
 
 
-def test_a_camera_that_is_open_is_not_lost_by_giving_up(world: SimulatedWorld, flange: FlangeFile) -> None:
+def test_a_cancel_does_not_affect_a_connected_camera(world: SimulatedWorld, flange: FlangeFile) -> None:
     flange.write(looking_down(world))
     camera = simulated_camera(world, lambda: partial(flange_file, str(flange.path)))
     try:
@@ -279,7 +278,7 @@ def test_a_camera_that_is_open_is_not_lost_by_giving_up(world: SimulatedWorld, f
         camera.close()
 
 
-def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
+def test_cancelled_equipment_does_not_connect_its_camera() -> None:
     equipment = Equipment(CellSettings(arm=SimulatedArm(host=free_host()), camera=SETTINGS))
     try:
         equipment.cancel_connecting()
@@ -289,7 +288,7 @@ def test_equipment_that_is_given_up_makes_no_camera_to_wait_for() -> None:
         equipment.close()
 
 
-def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_path: Path) -> None:
+def test_a_simulated_camera_without_an_arm_is_reported(world: SimulatedWorld, tmp_path: Path) -> None:
     camera = simulated_camera(world, lambda: partial(flange_file, str(tmp_path / "none.npz")))
     with pytest.raises(CameraUnreachableError, match="cannot read the flange pose from the arm's controller"):
         camera.connect()
@@ -303,7 +302,7 @@ def test_a_simulated_camera_without_an_arm_says_so(world: SimulatedWorld, tmp_pa
         ("127.0.0.99", r"the camera 127\.0\.0\.99 was not found: check its cable.*camera\.device"),
     ],
 )
-def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: str) -> None:
+def test_a_missing_camera_is_reported_with_an_action(device: str | None, words: str) -> None:
     settings = OakCamera(kind="oak", device=device)
     camera = LiveCamera(settings, lambda: partial(OakDriver, settings, partial(open_device, settings)), 30.0)
     took_s = []
@@ -316,7 +315,7 @@ def test_without_a_camera_it_is_said_what_to_check(device: str | None, words: st
     assert min(took_s) <= SOON_S
 
 
-def test_the_parent_process_never_loads_what_hangs_or_weighs() -> None:
+def test_the_parent_process_does_not_import_the_vendor_library() -> None:
     script = """
 import sys
 from functools import partial
@@ -336,13 +335,13 @@ if __name__ == "__main__":
     assert done.stdout.strip() == "[]"
 
 
-def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCamera, world: SimulatedWorld) -> None:
+def test_a_picture_is_returned_and_an_empty_one_is_rejected(camera: LiveCamera, world: SimulatedWorld) -> None:
     frame = camera.capture(time.monotonic(), with_image=True)
     source = FrameSource(world)
     assert np.array_equal(frame.depth, source.render_depth(looking_down(world)))
     assert frame.image is not None
     truth = np.mean([source.render_intensity(looking_down(world)) for _ in range(20)], axis=0)
-    # The noise of a mean of five, 1.1 grey levels at most.
+    # The noise of a mean of five pictures is at most 1.1 grey levels.
     assert np.abs(frame.image - truth).mean() < 1.1
     camera.fault("zero")
     with pytest.raises(BadFrameError, match="picture shows nothing"):
@@ -351,6 +350,6 @@ def test_a_picture_comes_across_and_what_shows_nothing_is_refused(camera: LiveCa
     assert camera.capture(time.monotonic()).image is None
 
 
-def test_a_camera_that_is_connected_once_more_still_gives_the_picture(camera: LiveCamera) -> None:
+def test_a_camera_that_was_connected_again_returns_the_picture(camera: LiveCamera) -> None:
     camera.fault("lost")
     assert camera.capture(time.monotonic(), with_image=True).image is not None

@@ -1,4 +1,4 @@
-"""Of the camera's driver, what can be run without a camera: in this process, with the real depthai."""
+"""The parts of the camera driver that run without a camera: in this process, with the real depthai."""
 
 import re
 import resource
@@ -37,11 +37,11 @@ import depthai as dai  # noqa: E402 (`load` sets what it reads)
 
 OAK = OakCamera(kind="oak")
 K = np.array([[402.5, 0, 319.25], [0, 402.75, 199.5], [0, 0, 1]])
-NOBODY = CameraInfo("test", "0", 64, 40, "none", None, ())
+UNNAMED = CameraInfo("test", "0", 64, 40, "none", None, ())
 
 
 def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000, end_s: float = 100.0) -> dai.ImgFrame:
-    """A depth message with rows of `padding` bytes more than they need."""
+    """Return a depth message whose rows have `padding` additional bytes."""
     height, width = depth.shape
     rows = np.full((height, 2 * width + padding), 0xAB, dtype=np.uint8)
     rows[:, : 2 * width] = depth.astype("<u2").view(np.uint8)
@@ -51,9 +51,9 @@ def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000
     image.setHeight(height)
     image.setStride(2 * width + padding)
     image.setData(rows.tobytes())
-    place = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
+    extrinsics = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     image.setTransformation(
-        dai.ImgTransformation(width, height, K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, place)
+        dai.ImgTransformation(width, height, K.tolist(), dai.CameraModel.Perspective, [0.0] * 14, extrinsics)
     )
     image.cam.exposureTimeUs = exposure_us
     image.setTimestamp(timedelta(seconds=end_s))
@@ -61,7 +61,7 @@ def message(depth: NDArray[np.uint16], padding: int = 0, exposure_us: int = 4000
 
 
 def picture_message(pixels: NDArray[np.uint8], kind: dai.ImgFrame.Type, padding: int = 0) -> dai.ImgFrame:
-    """A picture (H, W) or (H, W, 3) with padded rows, as `message` but for its kind; NV12's colours come after it."""
+    """Return the message of a picture (H, W) or (H, W, 3) with padded rows. The colours of NV12 follow the rows."""
     height, width = pixels.shape[:2]
     row = pixels.size // height
     rows = np.full((height * 3 // 2, row + padding), 0xAB, dtype=np.uint8)
@@ -86,7 +86,7 @@ def test_a_picture_is_decoded_as_it_was_sent(kind: str, padding: int) -> None:
     assert picture.began_s == pytest.approx(99.996, abs=1e-6)
 
 
-def test_what_is_no_picture_is_refused() -> None:
+def test_an_invalid_picture_is_rejected() -> None:
     grey = np.ones((4, 4), np.uint8)
     cut = picture_message(grey, dai.ImgFrame.Type.GRAY8)
     cut.setHeight(7)
@@ -112,14 +112,14 @@ def test_an_image_is_decoded_as_it_was_sent(padding: int) -> None:
     assert exposure.K[2, 2] == 1.0
 
 
-def test_an_exposure_began_before_the_moment_that_its_stamp_tells() -> None:
+def test_the_start_of_an_exposure_precedes_its_stamp() -> None:
     depth = np.ones((4, 4), np.uint16)
     assert decode(message(depth, exposure_us=8000, end_s=100.0)).began_s == pytest.approx(99.992, abs=1e-6)
-    # Where the camera does not tell how long it exposed, the longest is taken.
+    # If the camera does not report the exposure time, the longest is assumed.
     assert decode(message(depth, exposure_us=0)).began_s == pytest.approx(100.0 - LONGEST_EXPOSURE_S, abs=1e-6)
 
 
-def test_what_is_no_depth_image_is_refused() -> None:
+def test_an_invalid_depth_image_is_rejected() -> None:
     grey = message(np.ones((4, 4), np.uint16))
     grey.setType(dai.ImgFrame.Type.GRAY8)
     short = message(np.ones((4, 4), np.uint16))
@@ -135,8 +135,8 @@ def test_what_is_no_depth_image_is_refused() -> None:
             decode(empty)
 
 
-def test_a_full_disk_is_still_an_error_after_depthai_was_loaded(tmp_path: Path) -> None:
-    """Its own handler of the signal would end the process."""
+def test_a_full_disk_raises_an_error_although_depthai_is_loaded(tmp_path: Path) -> None:
+    """The signal handler of depthai would end the process."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
     try:
@@ -148,16 +148,16 @@ def test_a_full_disk_is_still_an_error_after_depthai_was_loaded(tmp_path: Path) 
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
-def test_depthai_s_clock_is_the_machine_s_monotonic_one() -> None:
+def test_the_clock_of_depthai_is_monotonic_time() -> None:
     before_s = time.monotonic()
     clock: Any = dai.Clock
     now_s = clock.now().total_seconds()
-    # It is told in whole microseconds.
+    # The clock returns whole microseconds.
     assert before_s - 1e-6 <= now_s <= time.monotonic() + 1e-6
 
 
-def test_depthai_s_own_point_cloud_agrees() -> None:
-    """Its node and the pinhole formula of this project mean the same by an image and its matrix."""
+def test_the_point_cloud_of_depthai_equals_the_pinhole_model() -> None:
+    """The node of depthai and the formula of this project use the same camera matrix."""
     depth = np.random.default_rng(1).integers(2500, 6000, (40, 64)).astype(np.uint16)
     host_only: Any = dai.Pipeline(False)
     with host_only as pipeline:
@@ -173,7 +173,7 @@ def test_depthai_s_own_point_cloud_agrees() -> None:
         cloud = clouds.get(timedelta(seconds=20))
     assert isinstance(cloud, dai.PointCloudData)
     points = np.asarray(cloud.getPoints(), dtype=np.float64)
-    # The node takes depth counts for millimetres: a tenth of them is meant.
+    # The node reads depth counts as millimetres. A count is a tenth of that.
     z = depth.ravel() / 1000.0
     v, u = (axis.ravel() for axis in np.indices(depth.shape))
     expected = np.column_stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z])
@@ -181,7 +181,7 @@ def test_depthai_s_own_point_cloud_agrees() -> None:
     assert points == pytest.approx(expected, abs=2e-6)
 
 
-def test_stereo_matching_is_set_for_thin_things_whatever_preset_came_before() -> None:
+def test_the_stereo_settings_replace_every_preset() -> None:
     spoilt = dai.StereoDepthConfig()
     spoilt.setMedianFilter(dai.StereoDepthConfig.MedianFilter.KERNEL_7x7)
     spoilt.setSubpixelFractionalBits(3)
@@ -195,7 +195,7 @@ def test_stereo_matching_is_set_for_thin_things_whatever_preset_came_before() ->
         assert config.getLeftRightCheckThreshold() == 5
         assert config.getExtendedDisparity()
         assert (config.getSubpixel(), config.getSubpixelFractionalBits()) == (True, 5)
-        # 10,000 counts to the metre are a tenth of a millimetre each.
+        # 10,000 counts per metre are 0.1 mm each.
         assert (config.getDepthUnit(), config.getCustomDepthUnitMultiplier()) == (dai.LengthUnit.CUSTOM, 10_000)
         assert config.getMedianFilter() == dai.StereoDepthConfig.MedianFilter.MEDIAN_OFF
         assert config.algorithmControl.depthAlign == dai.StereoDepthConfig.AlgorithmControl.DepthAlign.RECTIFIED_LEFT
@@ -224,20 +224,20 @@ def test_a_camera_with_its_factory_calibration_gives_no_warning() -> None:
 @pytest.mark.parametrize(
     ("current", "words"),
     [
-        # Half of it at half the resolution.
+        # The difference is halved at half the resolution.
         (calibration(focal_px=808.0), ["intrinsics of the left lens differ .* by 1.5 pixels", "of the right lens"]),
         (calibration(turned_deg=0.2), [r"lenses are turned by 0\.20 degrees"]),
         (calibration(apart_cm=2.0), ["product is oak-d-pro, whose lenses are 75 mm apart; this camera's are 20 mm"]),
     ],
 )
-def test_another_calibration_than_the_factory_s_is_told(current: dai.CalibrationHandler, words: list[str]) -> None:
+def test_a_changed_camera_calibration_gives_warnings(current: dai.CalibrationHandler, words: list[str]) -> None:
     warnings = calibration_warnings(calibration(), current, OAK)
     assert len(warnings) == len(words)
     for warning, pattern in zip(warnings, words, strict=True):
         assert re.search(pattern, warning), warning
 
 
-def test_what_to_check_fits_how_the_camera_is_connected() -> None:
+def test_the_action_depends_on_the_connection_of_the_camera() -> None:
     assert "udev rule for vendor 03e7" in unreachable(None, "x")
     assert "must be named by camera.device" in unreachable(None, "x")
     assert "udev" not in unreachable("10.0.0.7", "x")
@@ -245,7 +245,7 @@ def test_what_to_check_fits_how_the_camera_is_connected() -> None:
 
 
 class Sensor(dai.node.ThreadedHostNode):
-    """Sends images whose exposure time goes through `times_us` and stays at the last; keeps what it is told."""
+    """Send images whose exposure times follow `times_us` and then stay constant, and record the commands."""
 
     def __init__(self, times_us: list[int]) -> None:
         super().__init__()
@@ -253,7 +253,7 @@ class Sensor(dai.node.ThreadedHostNode):
         self.pictures, self.gate = self.createOutput(), self.createInput()
         self.times_us, self.locked_at_us = times_us, 0
         self.lit: bool | None = None
-        """Whether its dots are on; None: it has none."""
+        """Whether the dot projector is on. None: there is no dot projector."""
         self.pictureless = False
 
     def switch_dots(self, on: bool) -> None:
@@ -287,12 +287,12 @@ def sensor(times_us: list[int]) -> Iterator[tuple[Sensor, Stream]]:
     host_only: Any = dai.Pipeline(False)
     with host_only as pipeline:
         node = pipeline.create(Sensor, times_us)
-        # None is dropped: what is seen does not depend on how busy the machine is.
+        # No image is dropped, so the test does not depend on the load of the machine.
         images = node.images.createOutputQueue(maxSize=1000, blocking=True)
         control = node.control.createInputQueue()
         pictures, gate = node.pictures.createOutputQueue(maxSize=5, blocking=False), node.gate.createInputQueue()
         pipeline.start()
-        yield node, Stream(pipeline, images, images, [control], lambda: NOBODY, pipeline.stop, pictures, gate)
+        yield node, Stream(pipeline, images, images, [control], lambda: UNNAMED, pipeline.stop, pictures, gate)
 
 
 def test_the_exposure_is_locked_when_it_has_settled() -> None:
@@ -304,14 +304,14 @@ def test_the_exposure_is_locked_when_it_has_settled() -> None:
         assert node.locked_at_us == 4000
 
 
-def test_a_given_exposure_is_waited_for_and_not_locked() -> None:
+def test_a_configured_exposure_is_awaited_and_not_locked() -> None:
     with sensor([500] * 5 + [2000]) as (node, stream):
         assert settle_exposure(stream, OakCamera(kind="oak", exposure_us=2000)) == ()
         time.sleep(0.1)
         assert node.locked_at_us == 0
 
 
-def test_an_exposure_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_exposure_that_does_not_settle_gives_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.camera.oak_driver.STEADY_S", 0.3)
     with sensor([1000, 2000] * 500) as (_, stream):
         (warning,) = settle_exposure(stream, SimulatedCamera())
@@ -321,7 +321,7 @@ def test_an_exposure_that_does_not_settle_is_told(monkeypatch: pytest.MonkeyPatc
         assert "is 1000 microseconds and should be 2000" in warning
 
 
-ASKED = """
+QUERIES = """
 import time
 import numpy as np
 from cell.camera.oak_driver import OakDriver
@@ -346,9 +346,9 @@ driver.close()
 """
 
 
-def test_a_camera_can_be_asked_while_its_images_come() -> None:
-    """In a process of its own: one in which depthai and Python wait for one another can only be killed."""
-    subprocess.run([sys.executable, "-c", ASKED], timeout=120, check=True)
+def test_a_camera_answers_queries_while_it_sends_images() -> None:
+    """In a separate process, because a deadlock of depthai and Python can only be killed."""
+    subprocess.run([sys.executable, "-c", QUERIES], timeout=120, check=True)
 
 
 def test_a_closed_stream_is_a_lost_camera() -> None:
@@ -362,7 +362,7 @@ def test_a_closed_stream_is_a_lost_camera() -> None:
             send(stream.controls[0], dai.CameraControl())
 
 
-def test_a_camera_that_breaks_its_link_while_it_is_opened_is_told_so() -> None:
+def test_a_link_that_breaks_while_opening_is_reported() -> None:
     def describe() -> CameraInfo:
         raise RuntimeError("Original message: X_LINK_ERROR")
 
@@ -395,22 +395,22 @@ def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
         result.close()
 
 
-def test_the_simulated_camera_s_frames_come_through_depthai_unchanged(world: SimulatedWorld) -> None:
+def test_simulated_frames_pass_through_depthai_unchanged(world: SimulatedWorld) -> None:
     T_base_flange = looking_down(world)
     with driver(world, lambda: T_base_flange) as oak:
         info = oak.open()
         assert (info.width, info.height, info.connection) == (160, 100, "simulated")
         assert (info.device_id, info.temperature_c, info.warnings) == (world.camera_id, None, ())
         frame = oak.capture(time.monotonic(), 5.0, 10.0)
-    # The camera is exact: five exposures, their median and one image cast here are all the same.
+    # The camera is exact: five exposures, their median and a rendered image are equal.
     assert np.array_equal(frame.depth, FrameSource(world).render_depth(T_base_flange))
     assert np.abs(frame.K - world.camera.K).max() < 1e-4
     assert frame.depth_unit_m == world.camera.depth_unit_m
     assert frame.exposures == 5
 
 
-def test_frames_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
-    """The arm comes to rest while the driver already waits: no exposure of before may get into the frame."""
+def test_frames_show_the_pose_at_the_time_of_their_exposure(world: SimulatedWorld) -> None:
+    """The arm comes to rest while the driver waits. The frame must not contain an earlier exposure."""
     moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
     after_s = time.monotonic() + 1e9
 
@@ -425,23 +425,23 @@ def test_frames_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWo
 
 
 def test_an_unwatched_simulated_camera_takes_fewer_images(world: SimulatedWorld) -> None:
-    asked: list[float] = []
+    times_s: list[float] = []
 
     def pose() -> NDArray[np.float64]:
-        asked.append(time.monotonic())
+        times_s.append(time.monotonic())
         return looking_down(world)
 
     with driver(world, pose) as oak:
         oak.open()
-        asked.clear()
+        times_s.clear()
         begun_s = time.monotonic()
         time.sleep(1.0)
-        taken = len(asked)
-        # 50 a second, of which one in five is taken; a busy machine takes still fewer, and sleeps longer.
+        taken = len(times_s)
+        # One in five of 50 images per second is rendered. A busy machine renders fewer and sleeps longer.
         assert 1 <= taken <= 10 * (time.monotonic() - begun_s) + 2
 
 
-def test_a_pose_that_is_no_longer_told_is_a_lost_camera(world: SimulatedWorld) -> None:
+def test_a_camera_without_a_flange_pose_is_lost(world: SimulatedWorld) -> None:
     gone = False
 
     def pose() -> NDArray[np.float64]:
@@ -460,7 +460,7 @@ def test_a_pose_that_is_no_longer_told_is_a_lost_camera(world: SimulatedWorld) -
         oak.open()
 
 
-def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(world: SimulatedWorld) -> None:
+def test_a_closed_camera_refuses_calls_and_a_real_one_refuses_faults(world: SimulatedWorld) -> None:
     with driver(world, lambda: looking_down(world)) as oak:
         for method in (oak.info, lambda: oak.capture(0.0, 1.0, 1.0), lambda: oak.fault("zero")):
             with pytest.raises(CameraLostError, match="not open"):
@@ -471,7 +471,7 @@ def test_only_a_simulated_camera_fails_on_request_and_only_an_open_one_works(wor
             oak.fault("zero")
 
 
-def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: SimulatedWorld) -> None:
+def test_a_frame_has_a_picture_only_on_request(world: SimulatedWorld) -> None:
     T_base_flange = looking_down(world)
     with driver(world, lambda: T_base_flange) as oak:
         oak.open()
@@ -479,7 +479,7 @@ def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: Simulat
         assert plain.image is None
         assert next_message(oak._running().pictures, 0.3) is None
         pictured = oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)
-        # The gate is shut again: after those that were under way no more come.
+        # The gate is closed again, so only pictures in transit arrive.
         while next_message(oak._running().pictures, 0.3) is not None:
             pass
         assert oak.capture(time.monotonic(), 5.0, 10.0).image is None
@@ -489,13 +489,13 @@ def test_a_picture_comes_with_the_depth_only_when_it_is_asked_for(world: Simulat
     source = FrameSource(world)
     truth = np.mean([source.render_intensity(T_base_flange) for _ in range(100)], axis=0)
     off = pictured.image - truth
-    # The noise of five of them, at most 2.5 grey levels each, and the mean's rounding. Nothing else, and no bias.
+    # The noise of five pictures of at most 2.5 grey levels each, plus the rounding of the mean. There is no bias.
     assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
-    # 16,000 pixels: 0.01 grey levels of spread.
+    # 16,000 pixels give 0.01 grey levels of spread.
     assert abs(off.mean()) < 0.05
 
 
-def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: SimulatedWorld) -> None:
+def test_pictures_show_the_pose_at_the_time_of_their_exposure(world: SimulatedWorld) -> None:
     moving, rest = looking_down(world, 0.0), looking_down(world, 0.3)
     after_s = time.monotonic() + 1e9
 
@@ -512,7 +512,7 @@ def test_pictures_show_the_pose_at_the_moment_of_their_exposure(world: Simulated
 
 
 @pytest.mark.parametrize("fault", ["zero", "constant"])
-def test_a_picture_that_shows_nothing_is_refused_whatever_the_depth(world: SimulatedWorld, fault: Any) -> None:
+def test_an_empty_picture_is_rejected(world: SimulatedWorld, fault: Any) -> None:
     with driver(world, lambda: looking_down(world)) as oak:
         oak.open()
         oak.fault(fault)
@@ -526,14 +526,14 @@ def driving(stream: Stream) -> OakDriver:
     return result
 
 
-def test_a_camera_whose_pictures_stay_away_is_told_so() -> None:
+def test_a_camera_without_pictures_is_reported() -> None:
     with sensor([1000]) as (node, stream):
         node.pictureless = True
         with pytest.raises(NoFramesError, match=r"no picture for 1\.0 s"):
             driving(stream).capture(time.monotonic(), 1.0, 20.0, with_image=True)
 
 
-def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
+def test_the_dot_projector_is_off_only_during_a_picture() -> None:
     switched: list[bool] = []
     with sensor([1000]) as (node, stream):
         node.lit = True
@@ -550,12 +550,12 @@ def test_no_dots_are_in_a_picture_and_they_are_on_again_after_it() -> None:
         assert (image.min(), image.max()) == (50, 200)
         assert switched == [False, True]
         assert node.lit
-        # For depth alone they stay on.
+        # The dots stay on for depth alone.
         oak.capture(time.monotonic(), 5.0, 10.0)
         assert switched == [False, True]
 
 
-def test_dots_that_do_not_obey_are_a_lost_camera() -> None:
+def test_a_dot_projector_that_cannot_be_switched_is_a_lost_camera() -> None:
     def dots(on: bool) -> None:
         raise RuntimeError("the dot projector could not be switched")
 

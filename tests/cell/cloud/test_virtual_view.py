@@ -10,7 +10,7 @@ EYE = np.array([0.15, -0.1, 0.4])
 
 
 def slope(pitch_m: float, seed: int) -> np.ndarray:
-    """Points (N, 3) of the plane z = 0.1 x, at random."""
+    """Return random points (N, 3) of the plane z = 0.1 x."""
     x, y = np.random.default_rng(seed).uniform(-0.1, 0.1, (2, int((0.2 / pitch_m) ** 2)))
     return np.column_stack([x, y, 0.1 * x])
 
@@ -28,7 +28,7 @@ def test_a_slope_does_not_become_steps(per_pixel: float, most_m: float) -> None:
     assert view.outside == 0
 
 
-def test_pixels_are_as_wide_as_the_points_are_apart() -> None:
+def test_the_pixel_size_follows_the_point_spacing() -> None:
     fine, coarse = (virtual_view(slope(pitch_m, 1), EYE, 1.0).pitch_m for pitch_m in (0.001, 0.002))
     assert 0.0005 < fine < 0.0015
     assert coarse == pytest.approx(2 * fine, rel=0.1)
@@ -44,6 +44,6 @@ def test_the_camera_looks_at_its_target() -> None:
         assert (abs(x) + abs(y), z) == (pytest.approx(0, abs=1e-12), pytest.approx(np.linalg.norm(target - eye)))
 
 
-def test_a_viewpoint_in_the_cloud_is_refused() -> None:
+def test_a_viewpoint_inside_the_cloud_is_rejected() -> None:
     with pytest.raises(CloudError, match="inside the cloud"):
         virtual_view(slope(0.002, 0), np.array([0.0, 0.0, 0.02]), 1.0)

@@ -8,14 +8,14 @@ from cell.simulation.rendering.depth_camera import CAMERAS
 
 
 @pytest.mark.parametrize("name", ["oak-d-sr", "oak-d-pro", "ideal"])
-def test_a_simulated_camera_s_optics_are_its_own(name: CameraName) -> None:
+def test_the_optics_of_a_simulated_camera_are_those_of_its_model(name: CameraName) -> None:
     model, optics = CAMERAS[name], SimulatedCamera(model=name).optics
     assert np.array_equal(optics.K, model.K)
     assert (optics.width, optics.height, optics.near_m) == (model.width, model.height, model.near_m)
     assert optics.working_m == model.working_m
 
 
-# The least depths that Luxonis gives for its products, rounded as it does.
+# The minimum depths that Luxonis gives for its products, with its rounding.
 @pytest.mark.parametrize(
     ("product", "size", "extended", "near_m", "tolerance_m"),
     [
@@ -26,7 +26,7 @@ def test_a_simulated_camera_s_optics_are_its_own(name: CameraName) -> None:
         ("oak-d-sr", (1280, 800), False, 0.20, 0.0),
     ],
 )
-def test_an_oak_measures_from_where_its_maker_says(
+def test_the_minimum_depth_of_an_oak_is_that_of_its_maker(
     product: OakProduct, size: tuple[int, int], extended: bool, near_m: float, tolerance_m: float
 ) -> None:
     camera = OakCamera(kind="oak", product=product, width=size[0], height=size[1], extended_disparity=extended)
@@ -35,7 +35,7 @@ def test_an_oak_measures_from_where_its_maker_says(
     assert (optics.width, optics.height) == size
     near, far = optics.working_m
     assert optics.near_m < near < far < 1.0
-    # A fifth of a pixel of disparity at the far end.
+    # A fifth of a pixel of disparity at the largest depth.
     assert 0.2 * far**2 / (optics.K[0, 0] * baseline_m(product)) < 0.0023
 
 
@@ -44,16 +44,16 @@ def test_the_field_of_view_does_not_depend_on_the_resolution() -> None:
         OakCamera(kind="oak", width=width, height=height).optics for width, height in ((640, 400), (1280, 800))
     )
     assert half.width / half.K[0, 0] == full.width / full.K[0, 0]
-    # 77 degrees across, of the rectified images.
+    # The rectified images are 77 degrees wide.
     assert 2 * np.arctan(full.width / 2 / full.K[0, 0]) == pytest.approx(np.deg2rad(77), abs=0.01)
 
 
-def test_a_working_range_that_is_given_is_taken() -> None:
+def test_a_configured_working_range_is_used() -> None:
     for camera in (SimulatedCamera(working_m=(0.3, 0.5)), OakCamera(kind="oak", working_m=(0.3, 0.5))):
         assert camera.optics.working_m == (0.3, 0.5)
 
 
-def test_cameras_that_do_not_exist_are_refused() -> None:
+def test_unknown_cameras_are_rejected() -> None:
     with pytest.raises(ValidationError, match="an oak-d-sr has none"):
         OakCamera(kind="oak", product="oak-d-sr", extended_disparity=True)
     with pytest.raises(ValidationError, match="no images of 640x480"):

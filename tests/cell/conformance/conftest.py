@@ -1,4 +1,4 @@
-"""The controller that `--host` names, made ready to be driven; without it the virtual one."""
+"""The controller of `--host`, ready for moves. Without `--host`, the virtual controller."""
 
 import time
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ READY_S = 60.0
 
 @pytest.fixture
 def host(request: pytest.FixtureRequest) -> str:
-    """Its address: switched on, brakes released, no program."""
+    """Return the address of the controller: switched on, brakes released, without a program."""
     told = request.config.getoption("host")
     if told is None:
         controller: RunningController = request.getfixturevalue("controller")
@@ -33,14 +33,14 @@ def host(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def settings(request: pytest.FixtureRequest) -> ArmSettings:
-    """Of a slow arm: a real one may be at the other end."""
+    """Return the settings of a slow arm, because the arm may be real."""
     told = {"model": request.config.getoption("model"), "speed_rad_s": 0.5, "flange_speed_m_s": 0.4}
     return ArmSettings.model_validate(told)
 
 
 @pytest.fixture
 def arm(host: str, settings: ArmSettings) -> Iterator[UrArm]:
-    """Connected."""
+    """Yield a connected arm."""
     arm = UrArm(settings, host)
     arm.connect()
     yield arm
@@ -49,15 +49,15 @@ def arm(host: str, settings: ArmSettings) -> Iterator[UrArm]:
 
 @pytest.fixture
 def witness(host: str) -> Iterator[Witness]:
-    """Sees what the controller tells."""
+    """Yield a client that records the data of the controller."""
     with Witness(host) as witness:
         yield witness
 
 
 def switch_on(host: str) -> None:
-    """Power and brakes, as a person does at the pendant."""
+    """Switch the power on and release the brakes, as a person does at the pendant."""
     limit_s = time.monotonic() + READY_S
     while (mode := dashboard_client.send_command(host, "robotmode", timeout=10.0)) != "Robotmode: RUNNING":
-        assert time.monotonic() < limit_s, f"the robot does not get ready: {mode}"
+        assert time.monotonic() < limit_s, f"the robot does not become ready: {mode}"
         dashboard_client.send_command(host, "brake release" if "IDLE" in mode else "power on", timeout=10.0)
         time.sleep(0.5)

@@ -1,7 +1,7 @@
-"""What the cell relies on, of any UR controller: `pytest -m ursim --host H`. Without `--host`, of the virtual one.
+"""Requirements of the cell on a UR controller: `pytest -m ursim --host H`, or the virtual controller without `--host`.
 
-The arm turns about its base from where it stands, by TURN_RAD at most, and back. What the controller did is judged by
-what it tells a client that has nothing of ours in it, and by its own clock.
+The arm turns about its base from its present position by at most TURN_RAD, and back. The checks use the data and the
+clock of the controller, received by an independent client.
 """
 
 import subprocess
@@ -26,7 +26,7 @@ from tests.cell.conformance.witness import Witness
 
 pytestmark = [
     pytest.mark.ursim,
-    pytest.mark.xdist_group("cell"),  # one at a time: each is several busy processes
+    pytest.mark.xdist_group("cell"),  # one at a time, because each test runs several busy processes
 ]
 
 TURN_RAD = 0.8
@@ -41,7 +41,7 @@ def turned(q_rad: NDArray[np.float64], by_rad: float) -> NDArray[np.float64]:
     return q_rad + [by_rad, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
-def test_it_says_what_it_is_and_is_free_again_afterwards(host: str, settings: ArmSettings, witness: Witness):
+def test_connect_returns_the_arm_and_close_frees_the_robot(host: str, settings: ArmSettings, witness: Witness):
     arm = UrArm(settings, host)
     info = arm.connect()
     assert info.serial == dashboard_client.send_command(host, "get serial number", timeout=10.0)
@@ -53,7 +53,7 @@ def test_it_says_what_it_is_and_is_free_again_afterwards(host: str, settings: Ar
     assert not witness.moving
 
 
-def test_a_move_ends_where_it_was_sent_and_the_way_back_where_it_began(arm: UrArm, witness: Witness):
+def test_a_move_reaches_its_goal_and_returns_to_its_start(arm: UrArm, witness: Witness):
     before = arm.state()
     np.testing.assert_allclose(before.q_rad, witness.q_rad, atol=AT_GOAL_RAD)
     goal = turned(before.q_rad, TURN_RAD / 2)
@@ -61,7 +61,7 @@ def test_a_move_ends_where_it_was_sent_and_the_way_back_where_it_began(arm: UrAr
     np.testing.assert_allclose(there.q_rad, goal, atol=AT_GOAL_RAD)
     np.testing.assert_allclose(witness.q_rad, goal, atol=AT_GOAL_RAD)
     assert not there.moving
-    # The controller's pose is by its own calibration of the arm, and of the flange whatever tool is set.
+    # The pose follows the calibration of the arm in the controller, and is that of the flange for any tool.
     T_nominal = ur_kinematics.forward(arm.settings.model, there.q_rad)
     np.testing.assert_allclose(there.T_base_flange, T_nominal, atol=0.02)
     back = arm.move(before.q_rad)
@@ -74,20 +74,20 @@ def test_the_flange_keeps_its_speed_limit(host: str, settings: ArmSettings, witn
     arm.connect()
     try:
         start, begin = arm.state().q_rad, witness.count
-        # Slow enough that most of it is cruising: a tenth of a metre for what the flange is away from the base's axis.
+        # Slow enough for a long part at constant speed: 0.1 m at the distance of the flange from the axis of the base.
         arm.move(turned(start, 0.3))
         arm.move(start)
     finally:
         arm.close()
     _, q, qd = witness.since(begin)
     speeds = [np.linalg.norm(ur_kinematics.jacobian(slow.model, a)[:3] @ b) for a, b in zip(q, qd, strict=True)]
-    assert max(speeds) <= 0.1 * 1.02  # the joint speeds that a controller tells are measured ones
+    assert max(speeds) <= 0.1 * 1.02  # the controller reports measured joint speeds
     reach_m = np.linalg.norm(ur_kinematics.forward(slow.model, start)[:2, 3])
-    if reach_m > 0.15:  # of an arm that stands straight up the flange hardly moves, whatever its joints do
-        assert max(speeds) > 0.05, "the limit is used"
+    if reach_m > 0.15:  # the flange of an upright arm hardly moves
+        assert max(speeds) > 0.05, "the flange is much slower than the limit"
 
 
-def test_a_stop_ends_a_move_and_nothing_moves_until_it_is_connected_again(arm: UrArm, witness: Witness):
+def test_a_stop_ends_a_move_and_none_follows_before_a_new_connection(arm: UrArm, witness: Witness):
     start, begin = arm.state().q_rad, witness.count
     with thread_of(lambda: arm.move(turned(start, TURN_RAD))) as result:
         witness.wait_until(moving=True)
@@ -96,7 +96,7 @@ def test_a_stop_ends_a_move_and_nothing_moves_until_it_is_connected_again(arm: U
     assert isinstance(result[0], StoppedError)
     witness.wait_until(moving=False)
     clock, q, qd = witness.since(begin)
-    assert q[-1][0] - start[0] < TURN_RAD / 2, "it did not go on to its goal"
+    assert q[-1][0] - start[0] < TURN_RAD / 2, "the arm did not stop before its goal"
     speed = np.abs(qd[:, 0])
     braking = np.flatnonzero(speed > 0.9 * speed.max())[-1]
     still = braking + np.flatnonzero(speed[braking:] < 0.02 * speed.max())[0]
@@ -109,7 +109,7 @@ def test_a_stop_ends_a_move_and_nothing_moves_until_it_is_connected_again(arm: U
     np.testing.assert_allclose(arm.move(start).q_rad, start, atol=AT_GOAL_RAD)
 
 
-def test_angles_beyond_the_safety_limits_move_nothing(arm: UrArm, witness: Witness):
+def test_angles_beyond_the_safety_limits_cause_no_move(arm: UrArm, witness: Witness):
     start, begin = arm.state().q_rad, witness.count
     with pytest.raises(MotionError, match="safety limits"):
         arm.move(turned(start, 4 * np.pi))
@@ -133,7 +133,7 @@ arm.move(start + [{turn}, 0, 0, 0, 0, 0])
 """
 
 
-def test_the_controllers_watchdog_stops_an_arm_whose_program_was_killed(
+def test_the_watchdog_stops_the_arm_of_a_killed_process(
     host: str, settings: ArmSettings, witness: Witness, tmp_path: Path
 ):
     script = tmp_path / "parent.py"
@@ -149,9 +149,9 @@ def test_the_controllers_watchdog_stops_an_arm_whose_program_was_killed(
         parent.kill()
         killed_at = witness.q_rad[0]
     witness.wait_until(moving=False)
-    # 0.4 s of silence and the braking, at 0.5 rad/s; a busy machine may notice later that it is silent.
+    # 0.4 s of silence and the braking, at 0.5 rad/s. A busy machine may detect the silence later.
     assert witness.q_rad[0] - killed_at < 0.35
-    assert witness.q_rad[0] - start[0] < TURN_RAD - 0.2, "it did not go on to its goal"
+    assert witness.q_rad[0] - start[0] < TURN_RAD - 0.2, "the arm did not stop before its goal"
     until(lambda: not witness.program, 5.0)
     arm = UrArm(settings, host)
     arm.connect()
@@ -159,7 +159,7 @@ def test_the_controllers_watchdog_stops_an_arm_whose_program_was_killed(
     arm.close()
 
 
-def test_a_robot_that_runs_somebody_elses_program_is_left_to_it(host: str, settings: ArmSettings, witness: Witness):
+def test_a_robot_with_a_foreign_program_is_refused_and_unchanged(host: str, settings: ArmSettings, witness: Witness):
     other = Child("other", Pendant, host)
     try:
         other.call("hold", timeout_s=20.0)
@@ -174,7 +174,7 @@ def test_a_robot_that_runs_somebody_elses_program_is_left_to_it(host: str, setti
     until(lambda: not witness.program, 5.0)
 
 
-def test_an_arm_that_is_switched_off_is_told_and_left_so(host: str, settings: ArmSettings):
+def test_a_robot_without_power_is_reported_and_unchanged(host: str, settings: ArmSettings):
     dashboard_client.send_command(host, "power off", timeout=10.0)
     until(lambda: "POWER_OFF" in dashboard_client.send_command(host, "robotmode", timeout=10.0), 20.0)
     try:

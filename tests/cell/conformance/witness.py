@@ -1,4 +1,4 @@
-"""What a controller tells of itself over RTDE, watched by a client that has nothing of ours or of ur_rtde in it."""
+"""Record the RTDE data of a controller by a client that uses neither our driver nor ur_rtde."""
 
 import threading
 import time
@@ -16,7 +16,7 @@ STOPPED = 1
 
 
 class Witness:
-    """Keeps all that the controller sends, 125 times a second."""
+    """Recorder of all data of a controller, 125 samples per second."""
 
     def __init__(self, host: str) -> None:
         self._client = RtdeClient(host)
@@ -36,32 +36,32 @@ class Witness:
 
     @property
     def q_rad(self) -> NDArray[np.float64]:
-        """(6,) the joint angles now."""
+        """Present joint angles (6,)."""
         return np.array(self._samples[-1]["actual_q"])
 
     @property
     def moving(self) -> bool:
-        """The joints turn."""
+        """Whether the joints turn."""
         return bool(np.abs(self._samples[-1]["actual_qd"]).max() > STILL_RAD_S)
 
     @property
     def program(self) -> bool:
-        """A program is there."""
+        """Whether the controller has a program."""
         return self._samples[-1]["runtime_state"] != STOPPED
 
     @property
     def count(self) -> int:
-        """How many samples there are: the place of the next one."""
+        """Number of samples, which is the index of the next one."""
         return len(self._samples)
 
     def since(self, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The controller's clock (N,), joint angles (N, 6) and speeds (N, 6) of all samples from that one on."""
+        """Return the controller times (N,), joint angles (N, 6) and speeds (N, 6) from the sample `count` on."""
         samples = self._samples[count:]
         clock, q, qd = (np.array([sample[name] for sample in samples]) for name in NAMES[:3])
         return clock, q, qd
 
     def wait_until(self, moving: bool, timeout_s: float = 10.0) -> None:
-        """Waits for the arm to move, or to be at rest."""
+        """Wait until the arm moves, or until it is at rest."""
         limit_s = time.monotonic() + timeout_s
         while self.moving is not moving:
             assert time.monotonic() < limit_s, f"the arm did not {'begin to move' if moving else 'come to rest'}"
@@ -71,5 +71,5 @@ class Witness:
         try:
             while True:
                 self._samples.append(self._client.data())
-        except OSError:  # ConnectionError is one
+        except OSError:  # includes ConnectionError
             return

@@ -36,7 +36,7 @@ from cell.simulation.devices.world import simulated_world
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from cell.simulation.ur_controller.admin_client import AdminClient
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 BOARD = Board()
 

@@ -37,7 +37,7 @@ from recognition.preprocessing.target_cloud import Scene
 from tests.cell.loopback import free_host
 from tests.processes import children
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 RADIUS_M = 0.0042
 

@@ -27,7 +27,7 @@ from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.cell.control.file_camera import DEPTH_UNIT_M, KIND, FileCamera, FileDriver
 from tests.cell.loopback import free_host
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 class Silent:

@@ -13,7 +13,7 @@ from tests.cell.simulation.ur_controller import wheel
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.ur_controller.rtde_client import RtdeClient
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 AWAY_Q_RAD = (HOME_Q_RAD + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 

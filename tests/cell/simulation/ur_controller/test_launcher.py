@@ -18,7 +18,7 @@ from cell.simulation.ur_controller.servers.sockets import PORTS
 from tests.cell.loopback import free_host
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, wait_for
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 def answers(host: str, port: int) -> bool:

@@ -10,7 +10,7 @@ from tests.cell.simulation.ur_controller import wheel
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, LogSince
 from tests.cell.simulation.ur_controller.wheel import CONNECT
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 def test_it_connects_and_reads(controller: RunningController):

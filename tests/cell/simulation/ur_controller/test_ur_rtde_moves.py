@@ -12,7 +12,7 @@ from tests.cell.simulation.ur_controller import wheel
 from tests.cell.simulation.ur_controller.cell_log import FAST, HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.ur_controller.wheel import CONNECT
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 AWAY_Q_RAD = (HOME_Q_RAD + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 FAR_Q_RAD = (HOME_Q_RAD + np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()

@@ -11,7 +11,7 @@ from cell.config.arm_config import simulated_serial
 from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.simulation.ur_controller.cell_log import LogSince, wait_for
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 def ask(controller: RunningController, command: str) -> str:

@@ -9,7 +9,7 @@ from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, LogSince, wait_for
 from tests.cell.simulation.ur_controller.rtde_client import RtdeClient
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each is several busy processes
+pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
 def test_versions(controller: RunningController):
