@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2, written by rosbags' own writers, of scans whose truth is known."""
+"""Bags of ROS 1 and ROS 2 of scans with known truth, written by rosbags."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ Matrix = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Moment:
-    """A message of a bag."""
+    """Message of a bag."""
 
     topic: str
     stamp_ns: int
@@ -109,14 +109,14 @@ class Recorded:
 
     encoding: str = "16UC1"
     edges: Callable[[Matrix], Mapping[tuple[str, str], Matrix]] = lambda T: {("base", "tool0"): T}
-    """What /tf says of a flange pose."""
+    """Transforms in /tf for a flange pose."""
     static: Mapping[tuple[str, str], Matrix] | None = None
-    """What /tf_static says; None: the camera on tool0."""
+    """Transforms in /tf_static. None: the camera is on tool0."""
     frame: str = CAMERA
     image: Mapping[str, Any] = field(default_factory=dict)
-    """Fields of each image that are otherwise."""
+    """Changed fields of each image."""
     info: Mapping[str, Any] = field(default_factory=dict)
-    """Matrices of each CameraInfo that are otherwise."""
+    """Changed matrices of each CameraInfo."""
 
     def pixels(self, view: View) -> NDArray[Any]:
         if self.encoding == "32FC1":
@@ -143,7 +143,7 @@ class Recorded:
 
 
 def one_image_each(views: Iterable[View], how: Recorded) -> Iterator[Moment]:
-    """A bag that somebody recorded pose by pose: one image and one pose of each view, three seconds apart."""
+    """Yield the messages of a bag with one image and one pose per view, three seconds apart."""
     for k, view in enumerate(views):
         if k == 0:
             yield from how.beginning(view)
@@ -153,7 +153,7 @@ def one_image_each(views: Iterable[View], how: Recorded) -> Iterator[Moment]:
 
 
 def write_bag(path: Path, kind: Kind, moments: Iterable[Moment]) -> Path:
-    """The bag: a file of ROS 1, a folder of ROS 2."""
+    """Write a bag and return its path: a file for ROS 1, a folder for ROS 2."""
     ros = Ros(1 if kind == "ros1" else 2)
     with _writer(path, kind) as writer:
         connections: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Small scans to put into bags, and what has come of them."""
+"""Small scans for bags, and helpers that import and compare them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +18,7 @@ FINE = BagRequest(depth_unit_m=1e-4)
 
 
 def made_views(count: int) -> list[View]:
-    """Views of noise, each from another side; three seconds apart."""
+    """Return views of noise, each from another side, three seconds apart."""
     rng = np.random.default_rng(7)
     return [
         View(
@@ -40,7 +40,7 @@ def imported(
     bag = write_bag(folder / ("scan.bag" if kind == "ros1" else "scan"), kind, moments)
     out = folder / "scan.mcap"
     contents = import_bag(bag, out, request)
-    assert {path.name for path in folder.iterdir()} == {bag.name, out.name}, "nothing else is left"
+    assert {path.name for path in folder.iterdir()} == {bag.name, out.name}, "no other file is left"
     return contents, read_recording(out)
 
 
@@ -49,6 +49,6 @@ def assert_same_views(got: Recording, request: list[View]) -> None:
     for a, b in zip(got.views, request, strict=True):
         np.testing.assert_array_equal(a.depth, b.depth)
         np.testing.assert_array_equal(a.K, b.K)
-        # Through quaternions and a chain of frames: roundings of doubles.
+        # Quaternions and a chain of frames cause rounding errors of doubles.
         np.testing.assert_allclose(a.T_base_flange, b.T_base_flange, rtol=0, atol=1e-12)
         np.testing.assert_allclose(a.T_flange_camera, b.T_flange_camera, rtol=0, atol=1e-12)

@@ -1,4 +1,4 @@
-"""A bag of a scan whose truth is known becomes that scan."""
+"""Import of bags of scans with known truth."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,7 +29,7 @@ from tests.cell.bag.made import FINE, assert_same_views, imported, made_views
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
-def test_one_image_for_each_pose(tmp_path: Path, kind: Kind, encoding: str) -> None:
+def test_a_bag_with_one_image_per_pose_gives_its_views(tmp_path: Path, kind: Kind, encoding: str) -> None:
     views = made_views(4)
     contents, got = imported(tmp_path, one_image_each(views, Recorded(encoding)), FINE, kind)
     assert_same_views(got, views)
@@ -50,17 +50,17 @@ def test_one_image_for_each_pose(tmp_path: Path, kind: Kind, encoding: str) -> N
     }
 
 
-def test_counts_are_millimetres_unless_told(tmp_path: Path) -> None:
+def test_depth_counts_are_millimetres_by_default(tmp_path: Path) -> None:
     _, got = imported(
         tmp_path, one_image_each(made_views(2), Recorded()), BagRequest(string_radius_m=0.004, table_z_m=-0.1)
     )
     assert (got.header.depth_unit_m, got.header.string_radius_m, got.header.table_z_m) == (1e-3, 0.004, -0.1)
 
 
-def test_no_depth_in_metres(tmp_path: Path) -> None:
+def test_invalid_depths_in_metres_become_zero(tmp_path: Path) -> None:
     views = made_views(2)
     metres = np.full((12, 16), 0.5, np.float32)
-    metres[0, :8] = [np.nan, np.inf, -np.inf, 0.0, -0.3, 1e30, 0.00004, 7.0]  # the last: beyond 16 bits
+    metres[0, :8] = [np.nan, np.inf, -np.inf, 0.0, -0.3, 1e30, 0.00004, 7.0]  # the last value exceeds 16 bits
 
     def moments() -> Iterator[Moment]:
         how = Recorded("32FC1")
@@ -73,7 +73,7 @@ def test_no_depth_in_metres(tmp_path: Path) -> None:
     assert (got.views[0].depth.ravel()[8:] == 5000).all()
 
 
-def test_big_endian_and_padded_rows(tmp_path: Path) -> None:
+def test_big_endian_and_padded_rows_are_read(tmp_path: Path) -> None:
     views = made_views(2)
     padded = [np.pad(view.depth, ((0, 0), (0, 3)), constant_values=777).astype(">u2") for view in views]
 
@@ -87,7 +87,7 @@ def test_big_endian_and_padded_rows(tmp_path: Path) -> None:
     assert_same_views(got, views)
 
 
-def test_hand_eye_that_is_told_goes_before_tf(tmp_path: Path) -> None:
+def test_a_given_hand_eye_precedes_tf(tmp_path: Path) -> None:
     views = made_views(2)
     contents = from_rotation_vector((0.0, 0.1, 0.0), (0.0, 0.0, 1.0))
     request = replace(FINE, T_flange_camera=contents, hand_eye="mine.json abc")
@@ -103,7 +103,7 @@ def test_a_rectified_lens_is_taken_from_p(tmp_path: Path) -> None:
     np.testing.assert_array_equal(got.views[0].K, P[:, :3])
 
 
-def test_a_place_told_twice_alike_is_one_and_a_file_goes_before_two_that_differ(tmp_path: Path) -> None:
+def test_equal_static_poses_are_one_and_a_file_precedes_different_ones(tmp_path: Path) -> None:
     views = made_views(2)
     again, off = views[0].T_flange_camera.copy(), views[0].T_flange_camera.copy()
     again[0, 3] += 5e-5  # as rounded by another publisher
@@ -119,13 +119,13 @@ def test_a_place_told_twice_alike_is_one_and_a_file_goes_before_two_that_differ(
         assert_same_views(got, views)
 
 
-def test_infrared_is_depth_when_it_is_named(tmp_path: Path) -> None:
+def test_an_image_topic_that_is_named_is_used_as_depth(tmp_path: Path) -> None:
     how = Recorded("mono16")
     _, got = imported(tmp_path, one_image_each(made_views(2), how), replace(FINE, depth_topic=DEPTH))
     assert_same_views(got, made_views(2))
 
 
-def test_of_several_camera_infos_the_one_beside_the_images(tmp_path: Path) -> None:
+def test_the_camera_info_beside_the_images_is_used(tmp_path: Path) -> None:
     views = made_views(2)
 
     def moments() -> Iterator[Moment]:
@@ -141,7 +141,7 @@ def test_of_several_camera_infos_the_one_beside_the_images(tmp_path: Path) -> No
     assert_same_views(got, views)
 
 
-def test_a_folder_without_metadata_has_its_file_read(tmp_path: Path) -> None:
+def test_the_file_of_a_folder_without_metadata_is_read(tmp_path: Path) -> None:
     views = made_views(2)
     bag = write_bag(tmp_path / "scan", "sqlite3", one_image_each(views, Recorded()))
     (bag / "metadata.yaml").unlink()

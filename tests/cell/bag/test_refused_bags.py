@@ -1,4 +1,4 @@
-"""What no recording can be made of is refused with words that say what to do, and leaves nothing behind."""
+"""Bags that cannot be imported are refused with an action, and no file is left."""
 
 import sys
 from dataclasses import replace
@@ -30,7 +30,7 @@ from tests.cell.bag.made import FINE, T_FLANGE_CAMERA, imported, made_views
 
 
 def camera_that_hangs(T: Matrix) -> dict[tuple[str, str], Matrix]:
-    """The camera stands in the cell: seen from the flange it moves."""
+    """Return a camera that is fixed in the cell, so that it moves relative to the flange."""
     return {("base", "tool0"): T, ("base", CAMERA): T_FLANGE_CAMERA}
 
 
@@ -121,7 +121,7 @@ NOWHERE[0, 3] = np.nan
             r"are rectified, but their camera matrix P is 0",
         ),
         (
-            # Without distortion too: a pair of cameras that were turned to be parallel.
+            # Without distortion too: the rectified images of a stereo pair.
             Recorded(info={"P": np.array([20.0, 0, 7.5, -1.5, 0, 21, 5.5, 0, 0, 0, 1, 0])}),
             BagRequest(),
             r"rectification turned or shifted the camera",
@@ -135,11 +135,13 @@ NOWHERE[0, 3] = np.nan
         (Recorded(), BagRequest(workspace_m=((1, 0), (0, 1), (0, 1))), r"workspace_m is .* with x0 < x1"),
     ],
 )
-def test_what_cannot_be_imported_is_said(tmp_path: Path, how: Recorded, bag_request: BagRequest, said: str) -> None:
+def test_each_unusable_content_is_refused_with_its_reason(
+    tmp_path: Path, how: Recorded, bag_request: BagRequest, said: str
+) -> None:
     bag = write_bag(tmp_path / "scan", "mcap", one_image_each(made_views(3), how))
     with pytest.raises(RecordingError, match=said):
         import_bag(bag, tmp_path / "out.mcap", bag_request)
-    assert [path.name for path in tmp_path.iterdir()] == ["scan"], "nothing is left"
+    assert [path.name for path in tmp_path.iterdir()] == ["scan"], "no file is left"
 
 
 def without(topic: str) -> list[Moment]:
@@ -154,7 +156,7 @@ def renamed(topic: str, new: str) -> list[Moment]:
 
 
 def shifted(seconds: float) -> list[Moment]:
-    """The camera's computer has another clock."""
+    """Shift the stamps of the images, as with another clock."""
     how, views = Recorded(), made_views(3)
     moments = [how.depth(v.depth, round((v.stamp_s + seconds) * 1e9)) for v in views]
     return [*(m for m in one_image_each(views, how) if m.topic != DEPTH), *moments]
@@ -168,8 +170,8 @@ def compressed() -> list[Moment]:
     return [*without(DEPTH), Moment(f"{DEPTH}/compressedDepth", START_NS, make)]
 
 
-def told_otherwise(topic: str) -> list[Moment]:
-    """Somebody else publishes the camera's nominal place, 20 mm from the calibrated one."""
+def with_nominal_camera_pose(topic: str) -> list[Moment]:
+    """Add the nominal pose of the camera, 20 mm from the calibrated one."""
     nominal = T_FLANGE_CAMERA.copy()
     nominal[0, 3] += 0.02
     more = Moment(topic, START_NS, lambda ros: ros.tf(START_NS, {("tool0", CAMERA): nominal}))
@@ -177,7 +179,7 @@ def told_otherwise(topic: str) -> list[Moment]:
 
 
 def infrared() -> list[Moment]:
-    """Beside depth that is compressed."""
+    """Add infrared images to compressed depth."""
     grey = np.zeros((12, 16), np.uint16)
     image = Moment("/infra/image_rect", START_NS, lambda ros: ros.image(START_NS, grey, "mono16", CAMERA, {}))
     return [*compressed(), image]
@@ -205,11 +207,11 @@ def another_lens() -> list[Moment]:
         ),
         (without("")[:4], r"the arm stands still at 1 poses \(of 1 depth images, 0 were taken in motion"),
         (
-            told_otherwise(TF),
+            with_nominal_camera_pose(TF),
             r"'camera_.*' in 'tool0', which /tf_static has as fixed, is given with several values, 20.0 mm",
         ),
         (
-            told_otherwise(TF_STATIC),
+            with_nominal_camera_pose(TF_STATIC),
             r"given with several values, 20.0 mm and 0.00 degrees apart: record the bag without",
         ),
         (infrared(), r"depth images are compressed"),
@@ -218,16 +220,16 @@ def another_lens() -> list[Moment]:
         (list(one_image_each(made_views(65), Recorded())), r"stands still at 65 poses .*; at most 64 are read"),
     ],
 )
-def test_bags_that_lack_something(tmp_path: Path, moments: list[Moment], said: str) -> None:
+def test_incomplete_bags_are_refused(tmp_path: Path, moments: list[Moment], said: str) -> None:
     bag = write_bag(tmp_path / "scan.bag", "ros1", moments)
     with pytest.raises(BagError, match=said):
         import_bag(bag, tmp_path / "out.mcap", FINE)
-    assert [path.name for path in tmp_path.iterdir()] == ["scan.bag"], "nothing is left"
+    assert [path.name for path in tmp_path.iterdir()] == ["scan.bag"], "no file is left"
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_cut_anywhere_is_refused_or_read(tmp_path: Path, kind: Kind) -> None:
-    """Whatever rosbags runs into, it ends as an error in words."""
+    """Every exception of rosbags becomes an error with a message."""
     bag = write_bag(
         tmp_path / ("scan.bag" if kind == "ros1" else "scan"), kind, one_image_each(made_views(3), Recorded())
     )
@@ -250,7 +252,7 @@ def test_a_bag_cut_anywhere_is_refused_or_read(tmp_path: Path, kind: Kind) -> No
     assert not list(tmp_path.glob(".*"))
 
 
-def test_files_that_are_no_bag(tmp_path: Path) -> None:
+def test_files_that_are_not_bags_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.bag").write_text("hello")
     (tmp_path / "a.txt").write_text("hello")
     (tmp_path / "empty").mkdir()
@@ -266,7 +268,7 @@ def test_files_that_are_no_bag(tmp_path: Path) -> None:
             import_bag(tmp_path / name, tmp_path / "out.mcap", FINE)
 
 
-def test_a_recording_of_ours_is_no_bag(tmp_path: Path) -> None:
+def test_a_recording_is_refused(tmp_path: Path) -> None:
     imported(tmp_path, one_image_each(made_views(2), Recorded()))
     with pytest.raises(BagError, match="Profile is not ros2"):
         import_bag(tmp_path / "scan.mcap", tmp_path / "out.mcap", FINE)
@@ -279,7 +281,9 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "out.mcap").read_text() == "mine"
 
 
-def test_without_the_package_it_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_reported_with_the_command_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(BagError, match=r"needs the extra `bag`: install .*'WHEEL\[bag\]'"):
         import_bag(tmp_path / "scan.bag", tmp_path / "out.mcap", FINE)

@@ -1,4 +1,4 @@
-"""A view is taken where the arm stood still, and nowhere else."""
+"""Views are extracted where the arm is at rest, and only there."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -66,7 +66,7 @@ def continuous(views: list[View], how: Recorded) -> Iterator[Moment]:
 
 
 def ur(T_base_flange: Matrix) -> dict[tuple[str, str], Matrix]:
-    """What UR's driver publishes, in short: base_link carries the arm, and `base`, turned."""
+    """Return the transforms of the driver of UR, simplified: base_link carries the arm and the rotated frame `base`."""
     return {("base_link", "wrist_3_link"): T_BASE_LINK_BASE @ T_base_flange @ inverse(T_WRIST_FLANGE)}
 
 
@@ -81,7 +81,7 @@ UR_STATIC = {
 
 
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
-def test_a_continuous_bag_gives_a_view_for_each_rest(tmp_path: Path, encoding: str) -> None:
+def test_a_continuous_bag_gives_one_view_per_rest(tmp_path: Path, encoding: str) -> None:
     views = made_views(8)
     how = Recorded(encoding, edges=ur, static=UR_STATIC)
     contents, got = imported(tmp_path, continuous(views, how))
@@ -93,7 +93,7 @@ def test_a_continuous_bag_gives_a_view_for_each_rest(tmp_path: Path, encoding: s
 
 
 def test_a_pose_between_two_samples_is_interpolated(tmp_path: Path) -> None:
-    """A slow creep, below what counts as motion: the told pose is that of the image's own moment."""
+    """The arm creeps too slowly to count as motion. The pose is that at the stamp of the image."""
     view = made_views(2)
     how = Recorded()
 
@@ -113,7 +113,7 @@ def test_a_pose_between_two_samples_is_interpolated(tmp_path: Path) -> None:
 
 
 def test_an_arm_that_never_rests_gives_no_view(tmp_path: Path) -> None:
-    """A circle at 50 mm a second, poses at 30 Hz: never a place, however near two poses are."""
+    """The flange moves on a circle at 50 mm/s with poses at 30 Hz. No two neighbouring poses are a rest."""
     how, view = Recorded(), made_views(1)[0]
 
     def moments() -> Iterator[Moment]:
@@ -129,8 +129,8 @@ def test_an_arm_that_never_rests_gives_no_view(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("away_s", [1, 60])
-def test_what_was_seen_while_nothing_was_told_is_of_no_place(tmp_path: Path, away_s: int) -> None:
-    """The transforms stop, and come again with the arm where it was: after a minute it may have been anywhere."""
+def test_images_during_a_gap_in_the_poses_give_no_view(tmp_path: Path, away_s: int) -> None:
+    """The transforms are interrupted and continue with the same pose. The arm may have moved meanwhile."""
     views, how = made_views(2), Recorded()
     elsewhere = np.full((12, 16), 777, np.uint16)
 
@@ -150,8 +150,8 @@ def test_what_was_seen_while_nothing_was_told_is_of_no_place(tmp_path: Path, awa
     assert_same_views(got, views)
 
 
-def test_poses_too_rare_for_a_film_are_no_rest(tmp_path: Path) -> None:
-    """Ten images a second of a moving arm, a pose a second: the images at the poses must not pass for views."""
+def test_sparse_poses_of_a_moving_arm_give_no_view(tmp_path: Path) -> None:
+    """The bag has ten images and one pose per second of a moving arm. Images at the poses are not views."""
     how, view = Recorded(), made_views(1)[0]
 
     def moments() -> Iterator[Moment]:

@@ -154,7 +154,7 @@ def test_the_mean_of_several_pictures_has_less_noise() -> None:
     rng = np.random.default_rng(0)
     noisy = [np.rint(scene() + rng.normal(0, 2.0, (40, 64))).astype(np.uint8) for _ in range(5)]
     off = frame_with(*(Picture(pixels, K, 0.0) for pixels in noisy)).astype(float) - scene()
-    # 2 grey levels divided by the root of five, plus rounding. 2560 pixels give 1.4 % of spread; three times is allowed.
+    # 2 grey levels by the root of five, plus rounding. 2560 pixels give 1.4 % of spread; three times is allowed.
     assert off.std() == pytest.approx(np.hypot(2.0 / np.sqrt(5), np.sqrt(1 / 12)), rel=0.05)
 
 

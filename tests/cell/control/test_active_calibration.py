@@ -1,4 +1,4 @@
-"""Which mounting a calibration begins with."""
+"""The initial guess of the mounting for a calibration."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,14 +23,14 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_file_of_this_camera_and_robot_is_taken_and_one_that_may_be(file: Path) -> None:
-    told = initial_guess(HandEyeSettings(file=file), None)
+def test_a_file_of_the_same_or_an_unknown_camera_and_robot_is_used(file: Path) -> None:
+    guess = initial_guess(HandEyeSettings(file=file), None)
     for ids in (("camera-1", "robot-1"), (None, None), ("camera-1", None)):
-        np.testing.assert_allclose(told.choose(*ids).T_flange_camera, BY_FILE, atol=1e-12)
+        np.testing.assert_allclose(guess.choose(*ids).T_flange_camera, BY_FILE, atol=1e-12)
 
 
 @pytest.mark.parametrize("ids", [("camera-2", "robot-1"), ("camera-1", "robot-2")])
-def test_a_file_of_another_camera_or_robot_is_not(file: Path, ids: tuple[str, str]) -> None:
+def test_a_file_of_another_camera_or_robot_is_not_used(file: Path, ids: tuple[str, str]) -> None:
     with pytest.raises(
         CalibrationError,
         match=r"approximate pose of the camera on the flange \(.* made with .*-1, this is .*-2.* ruler",
@@ -50,13 +50,13 @@ def test_a_file_of_another_camera_or_robot_is_not(file: Path, ids: tuple[str, st
         ((0.0, -0.06, 0.04), (0.0, 0.0, np.deg2rad(11.0)), "0 mm and 11 degrees"),
     ],
 )
-def test_a_ruler_that_contradicts_the_file_is_told(
+def test_a_measurement_that_contradicts_the_file_is_rejected(
     file: Path, xyz_m: tuple[float, float, float], rotation_rad: tuple[float, float, float], apart: str
 ) -> None:
     settings = HandEyeSettings(file=file, rough_xyz_m=xyz_m, rough_rotation_rad=rotation_rad)
-    with pytest.raises(CalibrationError) as told:
+    with pytest.raises(CalibrationError) as refused:
         initial_guess(settings, None).choose("camera-1", "robot-1")
-    words = str(told.value)
+    words = str(refused.value)
     assert "puts the camera at [0.000, -0.060, 0.040] m" in words
     assert (
         f"rough_xyz_m at [{', '.join(f'{x:.3f}' for x in xyz_m)}] m, {apart} apart: remove the calibration file"
@@ -64,15 +64,15 @@ def test_a_ruler_that_contradicts_the_file_is_told(
     )
 
 
-def test_a_ruler_that_agrees_with_the_file_as_well_as_a_ruler_can_leaves_the_file(file: Path) -> None:
+def test_the_file_precedes_a_measurement_that_agrees_with_it(file: Path) -> None:
     turn = (0.0, np.deg2rad(9.0), 0.0)
     settings = HandEyeSettings(file=file, rough_xyz_m=(0.0, -0.06, 0.069), rough_rotation_rad=turn)
     np.testing.assert_allclose(initial_guess(settings, None).choose(None, None).T_flange_camera, BY_FILE, atol=1e-12)
 
 
-def test_a_file_that_cannot_be_read_leaves_the_ruler(file: Path) -> None:
+def test_the_measurement_is_used_if_the_file_is_unreadable(file: Path) -> None:
     file.write_text("{")
-    told = initial_guess(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).choose("camera-1", "robot-1")
-    assert told.T_flange_camera[0, 3] == 0.2
+    guess = initial_guess(HandEyeSettings(file=file, rough_xyz_m=(0.2, 0.0, 0.1)), None).choose("camera-1", "robot-1")
+    assert guess.T_flange_camera[0, 3] == 0.2
     with pytest.raises(CalibrationError, match=r"approximate pose of the camera on the flange \(.*hand_eye.json"):
         initial_guess(HandEyeSettings(file=file), None)

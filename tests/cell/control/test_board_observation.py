@@ -1,4 +1,4 @@
-"""What a single picture of the board tells while a calibration runs."""
+"""Quality of a single board image during a calibration."""
 
 from dataclasses import replace
 
@@ -13,12 +13,12 @@ from tests.calibration.board_views import NOISE_FREE, record
 
 
 def only(view: BoardView, pixels: ArrayLike) -> BoardView:
-    """The view with its first corners elsewhere, and no others."""
+    """Return the view with only its first corners, at other pixels."""
     pixels = np.asarray(pixels, dtype=np.float64)
     return replace(view, ids=view.ids[: len(pixels)], pixels=pixels)
 
 
-def test_exact_corners_are_where_they_ought_to_be() -> None:
+def test_exact_corners_have_no_reprojection_error() -> None:
     observations = record(1, 6, NOISE_FREE).observations
     for view in observations.views:
         seen = observe_board(view, Setup.from_observations(observations))
@@ -27,22 +27,22 @@ def test_exact_corners_are_where_they_ought_to_be() -> None:
         assert seen.rms_px < 1e-9
 
 
-def test_noise_is_told() -> None:
+def test_noise_appears_as_reprojection_error() -> None:
     observations = record(2, 20).observations
     told = [observe_board(view, Setup.from_observations(observations)).rms_px or np.nan for view in observations.views]
-    # 0.2 px, of which the six numbers of a pose take a little; 20 views of 140 coordinates scatter by 1.4 %.
+    # 0.2 px, slightly reduced by the six parameters of a pose. 20 views of 140 coordinates scatter by 1.4 %.
     assert np.sqrt(np.mean(np.square(told))) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
 
 
-def test_the_parts_of_the_picture_are_counted_row_by_row() -> None:
+def test_the_cells_of_the_image_are_numbered_row_by_row() -> None:
     observations = record(3, 6).observations
     setup, view = Setup.from_observations(observations), observations.views[0]
-    assert setup.image_size == (1280, 800)  # parts of 160 x 160
+    assert setup.image_size == (1280, 800)  # cells of 160 x 160
     corners = [(0, 0), (159.9, 10), (1279.4, 0), (170, 0), (0, 799.4), (1279, 799), (640, 400), (-0.4, -0.4)]
     assert observe_board(only(view, corners), setup).cells == (0, 1, 7, 20, 32, 39)
 
 
-def test_corners_that_fit_no_pose_have_no_distance_from_it() -> None:
+def test_corners_without_a_pose_have_no_reprojection_error() -> None:
     observations = record(4, 6).observations
     view = observations.views[0]
     seen = observe_board(only(view, view.pixels[:5]), Setup.from_observations(observations))

@@ -1,4 +1,4 @@
-"""Calibrating a whole simulated cell: virtual controller, simulated camera and board, known mounting."""
+"""Calibration of a whole simulated cell with a known mounting: virtual controller, simulated camera and board."""
 
 import json
 import resource
@@ -41,8 +41,8 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test
 BOARD = Board()
 
 
-class Told:
-    """A listener that keeps what it was told."""
+class RecordingListener:
+    """Listener that records all calls."""
 
     def __init__(self, on_recorded: Callable[[int], None] | None = None) -> None:
         self.events: list[tuple[str, int]] = []
@@ -74,7 +74,7 @@ class Told:
 
 
 def settings_with(folder: Path, **hand_eye: Any) -> CellSettings:
-    """The usual simulated cell, in a hurry."""
+    """Return the settings of a fast simulated cell."""
     return CellSettings(
         arm=SimulatedArm(time_factor=20.0, watchdog_hz=1.0),
         camera=SimulatedCamera(fps=30.0, settle_s=0.0, exposures=2),
@@ -83,7 +83,7 @@ def settings_with(folder: Path, **hand_eye: Any) -> CellSettings:
 
 
 def error_of(X: NDArray[np.float64], settings: CellSettings) -> tuple[float, float]:
-    """How far X is off: metres, radians."""
+    """Return the error of X in metres and radians."""
     off = inverse(simulated_world(settings).T_flange_camera) @ X
     return float(np.linalg.norm(off[:3, 3])), rotation_angle(off)
 
@@ -105,30 +105,32 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def cell(folder: Path) -> Iterator[Cell]:
-    """One that all tests share; each leaves it able to work."""
+    """Yield a cell that all tests share. Each test leaves it ready."""
     cell = Cell(settings_with(folder))
     yield cell
     cell.close()
 
 
 @pytest.fixture(scope="module")
-def done(cell: Cell, folder: Path) -> tuple[CalibrationRun, Told, Path]:
-    """A calibration of that cell, its listener, and its folder."""
+def done(cell: Cell, folder: Path) -> tuple[CalibrationRun, RecordingListener, Path]:
+    """Return a calibration of that cell, its listener, and its folder."""
     reasons: set[str | None] = set()
-    told, run_folder = Told(lambda _: reasons.add(cell.status.reason)), folder / "runs" / "1"
+    listener, run_folder = RecordingListener(lambda _: reasons.add(cell.status.reason)), folder / "runs" / "1"
     prepared = prepared_calibration(cell)
-    run, plan = run_calibration(cell, prepared, run_folder, told), prepared.plan
+    run, plan = run_calibration(cell, prepared, run_folder, listener), prepared.plan
     np.testing.assert_allclose(controller_q(cell), plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
     assert reasons == {"a calibration is under way"}
     order = [leg.view for leg in plan.legs if leg.view is not None]
     moves = [event for index in order for event in (("moving", index), ("recorded", index))]
-    assert told.events == [*moves, ("home", -1)]
-    return run, told, run_folder
+    assert listener.events == [*moves, ("home", -1)]
+    return run, listener, run_folder
 
 
-def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
-    run, told, _ = done
+def test_a_calibration_finds_the_true_mounting(
+    cell: Cell, done: tuple[CalibrationRun, RecordingListener, Path]
+) -> None:
+    run, listener, _ = done
     assert run.result.verdict == "accept"
     off_m, off_rad = error_of(run.result.X, cell.settings)
     # The required bounds. The simulated arm errs by 0.5 mm and 0.1 degrees.
@@ -136,16 +138,16 @@ def test_the_camera_is_found_where_it_is(cell: Cell, done: tuple[CalibrationRun,
     assert off_rad < np.deg2rad(0.08)
     assert off_m < 3 * run.result.sigma_m
     assert run.unused == ()
-    assert told.reasons == {}
-    assert {(board.corners, board.board_corners) for board in told.boards.values()} == {(48, 48)}
-    assert told.coverage == sorted(told.coverage)
-    # Nobody has solved anything yet: each view by itself, by the camera as it tells of itself.
-    assert all(board.rms_px is not None and 0 < board.rms_px < 0.3 for board in told.boards.values())
-    assert told.coverage[-1] > 0.35
+    assert listener.reasons == {}
+    assert {(board.corners, board.board_corners) for board in listener.boards.values()} == {(48, 48)}
+    assert listener.coverage == sorted(listener.coverage)
+    # Each view is evaluated alone, with the nominal camera matrix.
+    assert all(board.rms_px is not None and 0 < board.rms_px < 0.3 for board in listener.boards.values())
+    assert listener.coverage[-1] > 0.35
     assert len(run.result.views) == 15
 
 
-def test_it_is_verified_on_the_poses_held_out(done: tuple[CalibrationRun, Told, Path]) -> None:
+def test_a_calibration_is_verified_on_the_held_out_poses(done: tuple[CalibrationRun, RecordingListener, Path]) -> None:
     verification = done[0].verification
     assert verification.passed
     assert verification.board_displacement_m is None
@@ -153,7 +155,9 @@ def test_it_is_verified_on_the_poses_held_out(done: tuple[CalibrationRun, Told, 
     assert not {view.name for view in verification.views} & {view.name for view in done[0].result.views}
 
 
-def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
+def test_the_folder_gives_the_same_calibration(
+    cell: Cell, done: tuple[CalibrationRun, RecordingListener, Path]
+) -> None:
     run, _, folder = done
     content = read_folder(folder)
     setup: Setup = content.setup
@@ -167,29 +171,30 @@ def test_what_is_in_the_folder_gives_the_same_again(cell: Cell, done: tuple[Cali
     np.testing.assert_allclose(solve_hand_eye(observed.observations).X, run.result.X, atol=1e-9)
     document = json.loads((folder / HAND_EYE_FILE).read_text())
     assert (document["verdict"], document["verification"]["passed"]) == ("accept", True)
-    # All of it is as old as the pictures.
+    # All dates are those of the images.
     assert setup.created is not None
     assert setup.created == observed.observations.created
     assert document["created"] == setup.created.isoformat()
 
 
-def test_a_calibration_is_never_written_over(cell: Cell, done: tuple[CalibrationRun, Told, Path]) -> None:
+def test_a_calibration_is_never_overwritten(cell: Cell, done: tuple[CalibrationRun, RecordingListener, Path]) -> None:
     before = controller_q(cell)
     with pytest.raises(CalibrationFolderError, match="already has a calibration"):
-        run_calibration(cell, prepared_calibration(cell), done[2], Told())
+        run_calibration(cell, prepared_calibration(cell), done[2], RecordingListener())
     np.testing.assert_array_equal(controller_q(cell), before)
 
 
 def verification_of(cell: Cell, folder: Path) -> Verification:
+    """Verify the active calibration of the cell."""
     reasons: set[str | None] = set()
-    told = Told(lambda _: reasons.add(cell.status.reason))
-    verification = run_verification(cell, cell.prepare_verification(time.monotonic()), folder, told)
+    listener = RecordingListener(lambda _: reasons.add(cell.status.reason))
+    verification = run_verification(cell, cell.prepare_verification(time.monotonic()), folder, listener)
     assert reasons == {"a verification is under way"}
     return verification
 
 
-def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
-    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
+def test_a_verification_passes_and_detects_a_drift(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, RecordingListener, Path], tmp_path: Path
 ) -> None:
     with pytest.raises(CalibrationError, match="no hand-eye calibration to verify yet: calibrate the cell with"):
         cell.prepare_verification(time.monotonic())
@@ -199,14 +204,14 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
         good = verification_of(cell, tmp_path / "good")
         assert good.passed, good.message
         assert len(good.views) == 2
-        # The camera is where it was; the file puts it 5 mm beside that.
+        # The camera has not moved, but the file has an error of 5 mm.
         document = json.loads(active.read_text())
         document["T_flange_camera"]["xyz_m"][0] += 0.005
         active.write_text(json.dumps(document))
         bad = verification_of(cell, tmp_path / "bad")
         assert not bad.passed
         assert "calibrate again" in bad.message
-        # For a scan the strings lie there again, and it is that file's calibration.
+        # A scan uses the strings again, and the calibration of that file.
         cell.prepare_scan(2, time.monotonic())
         assert cell.status.hand_eye is not None
         assert cell.status.hand_eye.T_flange_camera[0, 3] == document["T_flange_camera"]["xyz_m"][0]
@@ -214,8 +219,8 @@ def test_a_calibration_in_use_is_verified_and_a_drift_noticed(
         active.unlink()
 
 
-def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
-    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path], tmp_path: Path
+def test_a_verification_is_refused_if_the_calibration_has_changed(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, RecordingListener, Path], tmp_path: Path
 ) -> None:
     active = folder / HAND_EYE_FILE
     activate(done[2] / HAND_EYE_FILE, active)
@@ -226,21 +231,21 @@ def test_a_verification_goes_by_the_calibration_that_it_was_planned_with(
         document["T_flange_camera"]["xyz_m"][0] += 0.005
         active.write_text(json.dumps(document))
         with pytest.raises(CalibrationError, match="changed during its verification: verify it again"):
-            run_verification(cell, prepared, tmp_path / "run", Told())
+            run_verification(cell, prepared, tmp_path / "run", RecordingListener())
         np.testing.assert_array_equal(controller_q(cell), before)
     finally:
         active.unlink()
 
 
-def test_a_verification_that_cannot_be_planned_leaves_a_cell_with_an_old_calibration_not_ready(
-    cell: Cell, folder: Path, done: tuple[CalibrationRun, Told, Path]
+def test_a_failed_planning_with_an_old_calibration_leaves_the_cell_not_ready(
+    cell: Cell, folder: Path, done: tuple[CalibrationRun, RecordingListener, Path]
 ) -> None:
     active = folder / HAND_EYE_FILE
     activate(done[2] / HAND_EYE_FILE, active)
     try:
         document = json.loads(active.read_text())
         document["created"] = "2020-01-01T00:00:00+00:00"
-        document["T_flange_camera"]["xyz_m"][2] += 0.9  # no arm holds it over the table
+        document["T_flange_camera"]["xyz_m"][2] += 0.9  # no arm can hold the camera above the table
         active.write_text(json.dumps(document))
         with pytest.raises(ViewpointsError):
             cell.prepare_verification(time.monotonic())
@@ -249,7 +254,7 @@ def test_a_verification_that_cannot_be_planned_leaves_a_cell_with_an_old_calibra
         active.unlink()
 
 
-def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, folder: Path, tmp_path: Path) -> None:
+def test_the_run_uses_the_mounting_of_its_plan(cell: Cell, folder: Path, tmp_path: Path) -> None:
     prepared = prepared_calibration(cell, poses=10, held_out=0)
     planned_with, active = prepared.hand_eye.T_flange_camera, folder / HAND_EYE_FILE
     try:
@@ -262,35 +267,35 @@ def test_the_arm_moves_by_the_mounting_that_it_was_planned_with(cell: Cell, fold
                 cell.stop()
                 return view
 
-        with pytest.raises(StoppedError), cell.run(prepared, Stopping(), Told()) as views_of_run:
+        with pytest.raises(StoppedError), cell.run(prepared, Stopping(), RecordingListener()) as views_of_run:
             list(views_of_run)
         np.testing.assert_array_equal(views[0].T_flange_camera, planned_with)
     finally:
         active.unlink()
 
 
-def test_a_folder_that_cannot_be_written_shows_before_anything_moves(cell: Cell, tmp_path: Path) -> None:
+def test_an_unwritable_folder_is_reported_before_the_arm_moves(cell: Cell, tmp_path: Path) -> None:
     prepared, before = prepared_calibration(cell, poses=10, held_out=0), controller_q(cell)
     (tmp_path / "file").write_text("")
-    told = Told()
+    listener = RecordingListener()
     with pytest.raises(OSError, match="Not a directory"):
-        run_calibration(cell, prepared, tmp_path / "file" / "run", told)
-    assert told.events == []
+        run_calibration(cell, prepared, tmp_path / "file" / "run", listener)
+    assert listener.events == []
     np.testing.assert_array_equal(controller_q(cell), before)
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    # Past this size the system writes nothing more, as on a full disk.
+    # The system writes nothing beyond this size, as on a full disk.
     resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, limit[1]))
     try:
         with pytest.raises(OSError, match="File too large"):
-            run_calibration(cell, prepared, tmp_path / "run", told)
+            run_calibration(cell, prepared, tmp_path / "run", listener)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert told.events == []
+    assert listener.events == []
     assert list((tmp_path / "run").iterdir()) == []
     np.testing.assert_array_equal(controller_q(cell), before)
 
 
-def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
+def test_a_cell_with_an_unusable_calibration_is_not_ready_after_the_run(
     cell: Cell, folder: Path, tmp_path: Path
 ) -> None:
     active = folder / HAND_EYE_FILE
@@ -298,7 +303,9 @@ def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
     try:
         prepared = prepared_calibration(cell, poses=10, held_out=0)
         with pytest.raises(MissingViewsError):
-            run_calibration(cell, replace(prepared, board=Board(dictionary="DICT_5X5_100")), tmp_path / "run", Told())
+            run_calibration(
+                cell, replace(prepared, board=Board(dictionary="DICT_5X5_100")), tmp_path / "run", RecordingListener()
+            )
         assert (cell.status.state, cell.status.slug) == ("not_ready", "calibration")
         assert "made with camera another" in str(cell.status.reason)
     finally:
@@ -307,36 +314,36 @@ def test_a_cell_whose_calibration_cannot_be_used_is_not_ready_after_the_run(
     assert cell.status.state == "ready"
 
 
-def test_looks_that_the_camera_fails_are_named_and_the_others_solved_from(cell: Cell, tmp_path: Path) -> None:
+def test_failed_captures_are_named_and_the_other_views_are_solved(cell: Cell, tmp_path: Path) -> None:
     def fail(index: int) -> None:
-        cell.camera.fault("constant" if len(told.events) == 6 else "none")  # three views are taken
+        cell.camera.fault("constant" if len(listener.events) == 6 else "none")  # three views are recorded
 
-    told = Told(on_recorded=fail)
+    listener = RecordingListener(on_recorded=fail)
     prepared = prepared_calibration(cell, poses=9, held_out=0)
-    # The camera gives nothing from then on, until it is well again.
-    missing = told.missing
+    # From then on, captures fail until the fault is cleared.
+    missing = listener.missing
 
-    def well_again(index: int, reason: str) -> None:
+    def clear_fault(index: int, reason: str) -> None:
         missing(index, reason)
         cell.camera.fault("none")
 
-    told.missing = well_again
-    run = run_calibration(cell, prepared, tmp_path / "run", told)
-    assert len(told.reasons) == 1
+    listener.missing = clear_fault
+    run = run_calibration(cell, prepared, tmp_path / "run", listener)
+    assert len(listener.reasons) == 1
     assert len(run.result.views) == 8
     assert len(run.unused) == 1
     assert "not-verified" in {finding.code for finding in run.result.findings}
     assert not run.verification.passed
 
 
-def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) -> None:
+def test_the_views_before_a_stop_are_on_the_disk(cell: Cell, tmp_path: Path) -> None:
     def stop(index: int) -> None:
-        if len(told.events) == 6:
+        if len(listener.events) == 6:
             cell.stop()
 
-    told = Told(on_recorded=stop)
+    listener = RecordingListener(on_recorded=stop)
     with pytest.raises(StoppedError):
-        run_calibration(cell, prepared_calibration(cell), tmp_path / "run", told)
+        run_calibration(cell, prepared_calibration(cell), tmp_path / "run", listener)
     assert cell.status.slug == "stopped"
     observed = detect_views(read_folder(tmp_path / "run"))
     assert len(observed.observations.views) + len(observed.held_out.views) == 3
@@ -344,17 +351,17 @@ def test_what_was_taken_until_a_stop_is_on_the_disk(cell: Cell, tmp_path: Path) 
     assert cell.status.state == "ready"
 
 
-def test_a_board_that_nobody_laid_there_is_missed(cell: Cell, tmp_path: Path) -> None:
-    told = Told()
+def test_a_missing_board_is_reported(cell: Cell, tmp_path: Path) -> None:
+    listener = RecordingListener()
     another = Board(dictionary="DICT_5X5_100")
     prepared = prepared_calibration(cell, poses=8, held_out=0)
     with pytest.raises(MissingViewsError, match="seen in 0 views, 8 are needed: lay it flat in the middle"):
-        run_calibration(cell, replace(prepared, board=another), tmp_path / "run", told)
-    assert set(told.reasons) == set(range(8))
+        run_calibration(cell, replace(prepared, board=another), tmp_path / "run", listener)
+    assert set(listener.reasons) == set(range(8))
     assert cell.status.state == "ready"
 
 
-def test_without_any_idea_of_the_mounting_the_error_says_how_to_measure_it(tmp_path: Path) -> None:
+def test_without_an_initial_guess_the_error_asks_for_a_measurement(tmp_path: Path) -> None:
     settings = CellSettings(
         arm=URArm(kind="ur", host="127.255.255.1"),
         camera=OakCamera(kind="oak"),
@@ -368,36 +375,36 @@ def test_without_any_idea_of_the_mounting_the_error_says_how_to_measure_it(tmp_p
 
 
 @pytest.mark.soak
-def test_a_rough_mounting_by_a_ruler_will_do(tmp_path: Path) -> None:
+def test_a_measured_mounting_suffices(tmp_path: Path) -> None:
     true = simulated_world(settings_with(tmp_path)).T_flange_camera
     rough = true @ from_rotation_vector((0.02, -0.02, 0.01), np.deg2rad((4.0, -5.0, 7.0)))
     turn = np.array([rough[2, 1] - rough[1, 2], rough[0, 2] - rough[2, 0], rough[1, 0] - rough[0, 1]])
     angle = rotation_angle(rough)
-    told = settings_with(
+    settings = settings_with(
         tmp_path,
         rough_xyz_m=tuple(rough[:3, 3]),
         rough_rotation_rad=tuple(turn / (2 * np.sin(angle)) * angle),
     )
-    with closing(Cell(told)) as cell:
-        run = run_calibration(cell, prepared_calibration(cell), tmp_path / "run", Told())
+    with closing(Cell(settings)) as cell:
+        run = run_calibration(cell, prepared_calibration(cell), tmp_path / "run", RecordingListener())
     assert run.result.verdict == "accept"
-    off_m, off_rad = error_of(run.result.X, told)
-    # Three sigma of what this arm allows, as measured over many cells.
+    off_m, off_rad = error_of(run.result.X, settings)
+    # Three standard deviations for this arm, as measured over many cells.
     assert off_m < 0.0012
     assert off_rad < np.deg2rad(0.1)
 
 
 @pytest.mark.soak
-def test_a_board_that_looks_the_same_from_two_sides(tmp_path: Path) -> None:
+def test_a_symmetric_board_is_calibrated(tmp_path: Path) -> None:
     with closing(Cell(settings_with(tmp_path))) as cell:
         board = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.026)
-        run = run_calibration(cell, prepared_calibration(cell, board), tmp_path / "runs" / "1", Told())
+        run = run_calibration(cell, prepared_calibration(cell, board), tmp_path / "runs" / "1", RecordingListener())
         assert run.result.verdict == "accept"
         assert [view.used for view in run.result.views] == [True] * 15
         assert run.verification.passed
         activate(tmp_path / "runs" / "1" / HAND_EYE_FILE, tmp_path / "hand_eye.json")
         verification = run_verification(
-            cell, cell.prepare_verification(time.monotonic()), tmp_path / "runs" / "2", Told()
+            cell, cell.prepare_verification(time.monotonic()), tmp_path / "runs" / "2", RecordingListener()
         )
         assert verification.passed
         assert verification.board_displacement_m is None

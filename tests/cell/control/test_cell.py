@@ -1,4 +1,4 @@
-"""The whole simulated cell without a service: real ur_rtde and depthai, virtual controller, simulated camera."""
+"""The whole simulated cell without a service: the real ur_rtde and depthai, virtual controller, simulated camera."""
 
 import os
 import signal
@@ -42,8 +42,8 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test
 RADIUS_M = 0.0042
 
 
-class Told:
-    """A listener that keeps what it was told."""
+class RecordingListener:
+    """Listener that records all calls."""
 
     def __init__(
         self, on_recorded: Callable[[int], None] | None = None, on_missing: Callable[[int], None] | None = None
@@ -91,7 +91,7 @@ def prepared_scan(cell: Cell, views: int | None = None) -> PreparedScan:
     return cell.prepare_scan(views, time.monotonic())
 
 
-def scan(cell: Cell, path: Path, listener: Told, prepared: PreparedScan | None = None) -> list[View]:
+def scan(cell: Cell, path: Path, listener: RecordingListener, prepared: PreparedScan | None = None) -> list[View]:
     prepared = prepared or prepared_scan(cell)
     with RecordingWriter(path, prepared.header) as writer, cell.run(prepared, writer, listener) as views:
         return list(views)
@@ -105,7 +105,7 @@ def connected(cell: Cell) -> Cell:
 def wait_for_fault(cell: Cell) -> None:
     deadline = time.monotonic() + 30
     while cell.status.state != "fault":
-        assert time.monotonic() < deadline, "nobody noticed"
+        assert time.monotonic() < deadline, "timeout"
         time.sleep(0.02)
 
 
@@ -116,26 +116,26 @@ def controller(cell: Cell) -> AdminClient:
 
 @pytest.fixture(scope="module")
 def cell() -> Iterator[Cell]:
-    """One that many tests share; each leaves it able to scan."""
+    """Yield a cell that many tests share. Each test leaves it ready to scan."""
     with opened(simulated()) as shared:
         yield shared
 
 
-def test_each_view_is_announced_taken_and_on_the_disk_in_the_planned_order(cell: Cell, tmp_path: Path) -> None:
-    told, path = Told(), tmp_path / "scan.mcap"
+def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path) -> None:
+    listener, path = RecordingListener(), tmp_path / "scan.mcap"
     prepared = prepared_scan(cell)
-    views = scan(cell, path, told, prepared)
+    views = scan(cell, path, listener, prepared)
     order = [leg.view for leg in prepared.plan.legs if leg.view is not None]
     assert [view.index for view in views] == order
-    assert told.events == [event for index in order for event in (("moving", index), ("recorded", index))]
+    assert listener.events == [event for index in order for event in (("moving", index), ("recorded", index))]
     recorded = read_recording(path)
     assert [view.index for view in recorded.views] == order
     for taken, read in zip(views, recorded.views, strict=True):
         np.testing.assert_array_equal(taken.T_base_flange, read.T_base_flange)
-        # The pose is the controller's own; the plan's is by nominal kinematics, which the virtual arm has.
+        # The pose is reported by the controller. The plan uses the nominal kinematics, as the virtual arm does.
         wanted = prepared.plan.viewpoints[taken.index].T_base_flange
         np.testing.assert_allclose(taken.T_base_flange, wanted, atol=5e-4)
-    # The arm is home and the cell ready for the next.
+    # The arm is at home, and the cell is ready.
     np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
 
@@ -151,72 +151,72 @@ def controller_q(cell: Cell) -> np.ndarray:
 def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_path: Path, seed: int) -> None:
     settings = simulated(model="oak-d-pro", scene="random", seed=seed, exposures=5)
     with opened(settings) as cell:
-        views = scan(cell, tmp_path / "scan.mcap", Told())
+        views = scan(cell, tmp_path / "scan.mcap", RecordingListener())
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
     model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
     judged = score(model.to_json(), world_truth(simulated_world(settings)))
     assert judged.topology
-    # Told poses are .5 mm and the calibration .7 mm off.
+    # The reported poses have errors of 0.5 mm and the calibration 0.7 mm.
     assert judged.mean_m is not None
     assert judged.mean_m < 0.001
 
 
-def test_a_scan_by_devices_with_the_errors_of_real_ones_gives_the_true_topology(tmp_path: Path) -> None:
+def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path: Path) -> None:
     plain = simulated(model="oak-d-pro-measured", exposures=5)
     arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 4})
     settings = plain.model_copy(update={"arm": arm})
     with opened(settings) as cell:
         prepared = prepared_scan(cell)
-        views = scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+        views = scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
     offsets_m = [
         np.linalg.norm((view.T_base_flange - prepared.plan.viewpoints[view.index].T_base_flange)[:3, 3])
         for view in views
     ]
-    assert 0.0002 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0018  # three times the error that was set, at most
+    assert 0.0002 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0018  # at most three times the configured error
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
     model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
     assert score(model.to_json(), world_truth(simulated_world(settings))).topology
 
 
-def test_a_camera_that_dies_is_started_again_and_costs_no_view(cell: Cell, tmp_path: Path) -> None:
+def test_a_killed_camera_is_restarted_without_losing_a_view(cell: Cell, tmp_path: Path) -> None:
     def kill(index: int) -> None:
-        if len(told.events) == 6:
+        if len(listener.events) == 6:
             assert cell.camera.pid is not None
             os.kill(cell.camera.pid, signal.SIGKILL)
 
-    told = Told(kill)
-    assert len(scan(cell, tmp_path / "scan.mcap", told)) == 8
-    assert told.reasons == {}
+    listener = RecordingListener(kill)
+    assert len(scan(cell, tmp_path / "scan.mcap", listener)) == 8
+    assert listener.reasons == {}
 
 
-def test_a_view_that_the_camera_fails_is_missing_and_the_other_seven_are_kept(cell: Cell, tmp_path: Path) -> None:
+def test_a_failed_capture_is_a_missing_view_and_the_others_are_kept(cell: Cell, tmp_path: Path) -> None:
     def fail(index: int) -> None:
-        if len(told.events) == 4:  # two views are taken
+        if len(listener.events) == 4:  # two views are recorded
             cell.camera.fault("zero")
 
-    told = Told(on_recorded=fail, on_missing=lambda index: cell.camera.fault("none"))
-    views = scan(cell, tmp_path / "scan.mcap", told)
-    (missing,) = told.reasons
+    listener = RecordingListener(on_recorded=fail, on_missing=lambda index: cell.camera.fault("none"))
+    views = scan(cell, tmp_path / "scan.mcap", listener)
+    (missing,) = listener.reasons
     assert {view.index for view in views} == set(range(8)) - {missing}
     assert [view.index for view in read_recording(tmp_path / "scan.mcap").views] == [view.index for view in views]
     assert cell.status.state == "ready"
 
 
-def test_the_views_can_be_asked_for_again_after_the_last(cell: Cell, tmp_path: Path) -> None:
+def test_the_iteration_after_the_last_view_is_empty(cell: Cell, tmp_path: Path) -> None:
     prepared = prepared_scan(cell, 2)
     with (
         RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-        cell.run(prepared, writer, Told()) as views,
+        cell.run(prepared, writer, RecordingListener()) as views,
     ):
         assert len(list(views)) == 2
         assert list(views) == []
 
 
-def test_an_error_behind_the_last_view_does_not_stop_an_arm_that_is_home(cell: Cell, tmp_path: Path) -> None:
+def test_an_error_after_the_last_view_does_not_stop_the_cell(cell: Cell, tmp_path: Path) -> None:
     def refused(prepared: PreparedScan) -> None:
         with (
             RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-            cell.run(prepared, writer, Told()) as views,
+            cell.run(prepared, writer, RecordingListener()) as views,
         ):
             list(views)
             views.wait()
@@ -229,12 +229,12 @@ def test_an_error_behind_the_last_view_does_not_stop_an_arm_that_is_home(cell: C
     assert cell.status.state == "ready"
 
 
-def test_a_fault_is_not_forgotten_because_somebody_plans(tmp_path: Path) -> None:
+def test_planning_does_not_clear_a_fault(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
         cell.connect()
         admin = controller(cell)
         admin.protective_stop()
-        # The watch looks at the idle arm, and other threads plan all the time.
+        # The watch checks the idle arm while another thread plans.
         deadline = time.monotonic() + 30
         while cell.status.state == "ready":
             cell.plan(2)
@@ -256,102 +256,102 @@ def test_a_fault_since_the_preparation_must_be_acknowledged_before_the_run(tmp_p
         wait_for_fault(cell)
         before = controller_q(cell)
         with pytest.raises(AcknowledgeRequiredError, match="protective stop"):
-            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
-        assert statuses == ["fault"]  # it was never busy
+            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
+        assert statuses == ["fault"]  # the cell was never busy
         assert cell.status.slug == "protective-stop"
         np.testing.assert_array_equal(controller_q(cell), before)
 
 
-def test_a_camera_that_shows_nothing_fails_the_scan_and_leaves_the_arm_home(tmp_path: Path) -> None:
+def test_a_camera_without_images_fails_the_scan_with_the_arm_at_home(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
         prepared = prepared_scan(cell)
         cell.camera.fault("zero")
-        told = Told()
+        listener = RecordingListener()
         with pytest.raises(MissingViewsError, match="0 views were taken, 4 are needed"):
-            scan(cell, tmp_path / "scan.mcap", told, prepared)
-        assert set(told.reasons) == set(range(8))
+            scan(cell, tmp_path / "scan.mcap", listener, prepared)
+        assert set(listener.reasons) == set(range(8))
         np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
 
 
-def test_a_stop_between_planning_and_moving_keeps_the_arm_where_it_is(cell: Cell, tmp_path: Path) -> None:
+def test_a_stop_after_planning_prevents_the_move(cell: Cell, tmp_path: Path) -> None:
     prepared = prepared_scan(cell)
     before = controller_q(cell)
     cell.stop()
     with pytest.raises(StoppedError):
-        scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+        scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
     np.testing.assert_array_equal(controller_q(cell), before)
     assert cell.status.slug == "stopped"
     cell.connect()
     assert cell.status.state == "ready"
 
 
-def test_a_stop_when_the_arm_is_home_leaves_a_cell_that_was_never_ready_behind_it(cell: Cell, tmp_path: Path) -> None:
-    prepared, told = prepared_scan(cell, 2), []
+def test_after_a_stop_at_home_the_cell_does_not_become_ready(cell: Cell, tmp_path: Path) -> None:
+    prepared, changes = prepared_scan(cell, 2), []
     with (
         RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-        cell.run(prepared, writer, Told()) as views,
+        cell.run(prepared, writer, RecordingListener()) as views,
     ):
         assert len(list(views)) == 2
         views.wait()
-        cell.on_status(lambda status: told.append((status.state, status.slug)))
+        cell.on_status(lambda status: changes.append((status.state, status.slug)))
         cell.stop()
-    assert told == [("not_ready", "stopped")]
+    assert changes == [("not_ready", "stopped")]
     cell.connect()
 
 
-def test_what_was_asked_for_before_a_stop_is_refused_and_changes_nothing(cell: Cell) -> None:
-    asked_s = time.monotonic()
+def test_a_request_older_than_a_stop_is_refused_and_changes_nothing(cell: Cell) -> None:
+    requested_s = time.monotonic()
     cell.stop()
     cell.connect()
     with pytest.raises(StoppedError, match="stopped after this request"):
-        cell.prepare_scan(2, asked_s)
+        cell.prepare_scan(2, requested_s)
     assert cell.status.state == "ready"
     prepared_scan(cell, 2)
 
 
-def test_a_robot_lost_on_the_way_home_is_a_fault_though_too_few_views_came_first(tmp_path: Path) -> None:
-    """With too few views the arm goes home all the same; what happens on that way is the worse news."""
+def test_a_fault_on_the_move_home_is_kept_if_views_are_missing(tmp_path: Path) -> None:
+    """With too few views the arm still moves home. A fault of that move is the more important error."""
     with opened(simulated()) as cell:
         prepared = prepared_scan(cell)
         cell.camera.fault("zero")
         with closing(controller(cell)) as admin:
 
             def lost(_: int) -> None:
-                if len(told.reasons) == len(prepared.plan.viewpoints):
+                if len(listener.reasons) == len(prepared.plan.viewpoints):
                     admin.protective_stop(at_share=0.5)  # of the next move
 
-            told = Told(on_missing=lost)
+            listener = RecordingListener(on_missing=lost)
             with pytest.raises(MissingViewsError):
-                scan(cell, tmp_path / "scan.mcap", told, prepared)
+                scan(cell, tmp_path / "scan.mcap", listener, prepared)
         assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
 
 
-def test_an_arm_that_was_moved_since_the_scan_was_planned_is_not_sent_that_way(tmp_path: Path) -> None:
+def test_a_plan_is_refused_if_the_arm_has_moved(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
         prepared = prepared_scan(cell, 2)
         admin = controller(cell)
-        # A person takes it at the pendant, turns its base, and gives it back; then somebody connects.
+        # A person turns the base at the pendant. Then the cell is connected again.
         admin.foreign_program()
         admin.reset(prepared.plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-        # The watch of an idle arm notices; to connect before that would end in the same finding, or find nothing yet.
+        # The test connects only after the watch of the idle arm has detected the other program.
         deadline = time.monotonic() + 20.0
         while cell.status.state == "ready":
-            assert time.monotonic() < deadline, "nobody noticed"
+            assert time.monotonic() < deadline, "timeout"
             time.sleep(0.02)
         cell.connect()
         begin = admin.state().events
         with pytest.raises(RobotNotReadyError, match="moved after its path was planned"):
-            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
         assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
         admin.close()
-        assert len(scan(cell, tmp_path / "another.mcap", Told())) == 8
+        assert len(scan(cell, tmp_path / "another.mcap", RecordingListener())) == 8
 
 
-def test_a_scan_that_nobody_wants_any_more_stops_the_arm(tmp_path: Path) -> None:
+def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
     def interrupted(cell: Cell, prepared: PreparedScan) -> None:
         with (
             RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-            cell.run(prepared, writer, Told()) as views,
+            cell.run(prepared, writer, RecordingListener()) as views,
         ):
             next(iter(views))
             raise KeyboardInterrupt
@@ -368,16 +368,16 @@ def test_a_scan_that_nobody_wants_any_more_stops_the_arm(tmp_path: Path) -> None
     assert len(read_recording(tmp_path / "scan.mcap").views) >= 1
 
 
-def test_two_cells_work_side_by_side_and_one_stops_alone(tmp_path: Path) -> None:
+def test_a_stop_of_one_cell_does_not_affect_another(tmp_path: Path) -> None:
     with opened(simulated()) as one, opened(simulated()) as other:
         prepared = [prepared_scan(each) for each in (one, other)]
         assert one.controller_host != other.controller_host
         one.stop()
-        assert len(scan(other, tmp_path / "other.mcap", Told(), prepared[1])) == 8
+        assert len(scan(other, tmp_path / "other.mcap", RecordingListener(), prepared[1])) == 8
         assert one.status.slug == "stopped"
 
 
-def test_closing_leaves_no_process_behind(tmp_path: Path) -> None:
+def test_close_ends_all_processes(tmp_path: Path) -> None:
     before = children(os.getpid())
     with opened(simulated()) as cell:
         cell.connect()
@@ -389,8 +389,8 @@ def test_closing_leaves_no_process_behind(tmp_path: Path) -> None:
     admin.close()
 
 
-def test_without_a_robot_the_error_says_what_to_check() -> None:
-    # An address of this machine at which nobody listens.
+def test_a_missing_calibration_file_is_reported() -> None:
+    # No process listens at this loopback address.
     arm = URArm(kind="ur", host="127.255.255.1")
     camera = OakCamera(kind="oak")
     with opened(CellSettings(arm=arm, camera=camera, hand_eye=HandEyeSettings(file=Path("hand_eye.json")))) as cell:
@@ -399,7 +399,7 @@ def test_without_a_robot_the_error_says_what_to_check() -> None:
             cell.connect()
 
 
-def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
+def test_a_missing_robot_or_camera_is_reported(tmp_path: Path) -> None:
     from datetime import UTC, datetime
 
     from calibration.storage.hand_eye_file import write_hand_eye
@@ -410,11 +410,11 @@ def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
         arm=URArm(kind="ur", host="127.255.255.1"), camera=OakCamera(kind="oak"), hand_eye=HandEyeSettings(file=file)
     )
     with opened(settings) as cell:
-        told: list[str | None] = []
-        cell.on_status(lambda status: told.append(status.reason))
+        reasons: list[str | None] = []
+        cell.on_status(lambda status: reasons.append(status.reason))
         with pytest.raises(RobotUnreachableError, match=r"127\.255\.255\.1.*arm\.host") as refused:
             cell.connect()
-        assert told == ["arm and camera are being connected: nothing moves", str(refused.value)]
+        assert reasons == ["arm and camera are being connected: nothing moves", str(refused.value)]
     with (
         opened(settings.model_copy(update={"arm": SimulatedArm()})) as cell,
         pytest.raises(CameraUnreachableError, match="cable"),
@@ -422,14 +422,14 @@ def test_without_robot_or_camera_the_errors_name_them(tmp_path: Path) -> None:
         cell.connect()
 
 
-def test_a_controller_that_is_not_ours_carries_the_simulated_camera(tmp_path: Path) -> None:
-    """As UR's simulator does: all that is known of it is what any UR controller tells."""
+def test_a_simulated_camera_works_with_another_controller(tmp_path: Path) -> None:
+    """The controller is used like the simulator of UR, which has the interfaces of a real controller only."""
     with start_controller(host=free_host(), time_factor=20.0) as other:
         arm = URArm(kind="ur", host=other.host, watchdog_hz=1.0)
         camera = simulated().camera.model_copy(update={"kind": "simulated"})
         with opened(CellSettings(arm=arm, camera=camera)) as cell:
             prepared = prepared_scan(cell)
-            views, header = scan(cell, tmp_path / "scan.mcap", Told(), prepared), prepared.header
+            views, header = scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared), prepared.header
             world = simulated_world(cell.settings)
         model = recognise(
             views, ChainParameters.for_radius(RADIUS_M), Scene(header.table_z_m, header.workspace_m), "graph"
@@ -441,7 +441,7 @@ def test_a_controller_that_is_not_ours_carries_the_simulated_camera(tmp_path: Pa
     assert judged.mean_m < 1e-3
 
 
-def test_a_controller_that_cannot_start_again_leaves_no_cell_busy(
+def test_a_failed_restart_of_the_controller_does_not_leave_the_cell_busy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -455,7 +455,7 @@ def test_a_controller_that_cannot_start_again_leaves_no_cell_busy(
         wait_for_end(equipment.controller)
         monkeypatch.setattr("cell.control.equipment.start_controller", refuse)
         with pytest.raises(RobotUnreachableError, match="all addresses are taken"):
-            scan(cell, tmp_path / "scan.mcap", Told(), prepared)
+            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
         assert cell.status.state != "busy"
 
 

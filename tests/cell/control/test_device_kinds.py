@@ -1,4 +1,4 @@
-"""A further kind of camera is one file and one entry: the whole cell works with it, in a child process as always."""
+"""A new kind of camera needs one file and one entry. The whole cell works with it, in a child process."""
 
 import time
 from dataclasses import replace
@@ -77,7 +77,7 @@ def test_a_third_kind_of_camera_scans(monkeypatch: pytest.MonkeyPatch, tmp_path:
     cell = Cell(settings_with(camera, HandEyeSettings(folder=tmp_path)))
     try:
         with pytest.raises(CalibrationError, match="there is no hand-eye calibration"):
-            cell.connect()  # nobody knows the mounting of this camera
+            cell.connect()  # the mounting of this camera is unknown
         write_hand_eye(file, T_FLANGE_CAMERA, created=datetime.now(UTC), camera_id="file-1")
         prepared = cell.prepare_scan(None, time.monotonic())
         assert prepared.header.provenance["camera"] == "file camera file-1"
@@ -100,7 +100,7 @@ def test_the_self_test_knows_a_third_kind_of_camera(monkeypatch: pytest.MonkeyPa
     assert "there are no images in" in steps["camera"].message
 
 
-def test_its_errors_cross_from_the_child(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_errors_of_the_driver_reach_the_parent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(CAMERA_KINDS, FileCamera, KIND)
     cell = Cell(settings_with(FileCamera(folder=tmp_path), HandEyeSettings()))
     try:

@@ -1,4 +1,4 @@
-"""Who wants to know of the cell's status is told of every change, and nobody waits for him."""
+"""Listeners receive every change of the status in order, and no change waits for a listener."""
 
 import threading
 from typing import Any
@@ -8,9 +8,9 @@ import pytest
 from cell.control.status import CellStatus, SharedStatus
 
 
-def test_each_change_is_told_in_order_whichever_thread_makes_it() -> None:
-    status, told = SharedStatus(), list[CellStatus]()
-    status.subscribe(told.append)
+def test_changes_of_several_threads_are_delivered_in_order() -> None:
+    status, received = SharedStatus(), list[CellStatus]()
+    status.subscribe(received.append)
 
     def change(thread: int) -> None:
         for number in range(500):
@@ -21,44 +21,44 @@ def test_each_change_is_told_in_order_whichever_thread_makes_it() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(told) == 2000
-    assert told[-1] is status.now
+    assert len(received) == 2000
+    assert received[-1] is status.now
     for thread in range(4):
-        own = [one.reason for one in told if (one.reason or "").startswith(f"{thread} ")]
+        own = [one.reason for one in received if (one.reason or "").startswith(f"{thread} ")]
         assert own == [f"{thread} {number}" for number in range(500)]
 
 
-def test_what_changes_nothing_is_not_told() -> None:
-    status, told = SharedStatus(), list[CellStatus]()
-    status.subscribe(told.append)
-    status.leave_ready("stopped", "by request")  # it was not ready
-    assert told == []
+def test_an_unchanged_status_is_not_delivered() -> None:
+    status, received = SharedStatus(), list[CellStatus]()
+    status.subscribe(received.append)
+    status.leave_ready("stopped", "by request")  # the cell was not ready
+    assert received == []
     status.set_outcome(None)
     status.leave_ready("stopped", "by request")
-    assert [one.state for one in told] == ["ready", "not_ready"]
+    assert [one.state for one in received] == ["ready", "not_ready"]
 
 
-def test_who_changes_it_does_not_wait_for_one_who_is_being_told() -> None:
-    status, told, entered, let_go = SharedStatus(), list[str | None](), threading.Event(), threading.Event()
+def test_a_change_does_not_wait_for_a_slow_listener() -> None:
+    status, received, entered, release = SharedStatus(), list[str | None](), threading.Event(), threading.Event()
 
     def slow(now: CellStatus) -> None:
         entered.set()
-        assert let_go.wait(60)
-        told.append(now.slug)
+        assert release.wait(60)
+        received.append(now.slug)
 
     status.subscribe(slow)
     first = threading.Thread(target=status.change, kwargs={"slug": "first"})
     first.start()
     assert entered.wait(60)
-    status.change(slug="second")  # returns, though nobody was told of it yet
-    assert (status.now.slug, told) == ("second", [])
-    let_go.set()
+    status.change(slug="second")  # returns before the change is delivered
+    assert (status.now.slug, received) == ("second", [])
+    release.set()
     first.join()
-    assert told == ["first", "second"]
+    assert received == ["first", "second"]
 
 
-def test_a_listener_that_fails_or_changes_the_status_itself(caplog: pytest.LogCaptureFixture) -> None:
-    status, told = SharedStatus(), list[Any]()
+def test_a_listener_may_fail_or_change_the_status(caplog: pytest.LogCaptureFixture) -> None:
+    status, received = SharedStatus(), list[Any]()
 
     def fails(_: CellStatus) -> None:
         raise RuntimeError("of no use")
@@ -67,8 +67,8 @@ def test_a_listener_that_fails_or_changes_the_status_itself(caplog: pytest.LogCa
         if now.state == "ready" and now.slug is None:
             status.change(slug="seen")
 
-    for listener in (fails, reacts, lambda now: told.append((now.state, now.slug))):
+    for listener in (fails, reacts, lambda now: received.append((now.state, now.slug))):
         status.subscribe(listener)
     status.set_outcome(None)
-    assert told == [("ready", None), ("ready", "seen")]
+    assert received == [("ready", None), ("ready", "seen")]
     assert caplog.messages == ["a listener to the cell's status failed"] * 2

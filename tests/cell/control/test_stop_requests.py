@@ -15,7 +15,7 @@ def test_without_a_stop_every_request_is_valid() -> None:
     assert not stops.is_stopped_since(0.0)
 
 
-def test_a_request_older_than_the_stop_is_rejected_and_a_later_one_is_not() -> None:
+def test_only_requests_before_the_stop_are_rejected() -> None:
     stops = StopRequests(SharedStatus())
     before = time.monotonic()
     stops.record()
@@ -25,7 +25,7 @@ def test_a_request_older_than_the_stop_is_rejected_and_a_later_one_is_not() -> N
     stops.raise_if_stopped_since(after)
 
 
-def test_a_stop_at_the_very_moment_of_the_request_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_at_the_time_of_the_request_rejects_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time, "monotonic", lambda: 5.0)
     stops = StopRequests(SharedStatus())
     stops.record()
@@ -33,7 +33,7 @@ def test_a_stop_at_the_very_moment_of_the_request_counts(monkeypatch: pytest.Mon
         stops.raise_if_stopped_since(5.0)
 
 
-def test_a_cell_that_was_connected_before_the_stop_is_not_ready_after_it() -> None:
+def test_a_cell_connected_before_the_stop_is_not_ready() -> None:
     status = SharedStatus()
     stops, requested_at = StopRequests(status), time.monotonic()
     status.set_connected(time.monotonic())
@@ -43,7 +43,7 @@ def test_a_cell_that_was_connected_before_the_stop_is_not_ready_after_it() -> No
     assert (status.now.state, status.now.slug) == ("not_ready", "stopped")
 
 
-def test_a_stale_request_leaves_a_cell_ready_that_was_connected_after_the_stop() -> None:
+def test_a_cell_connected_after_the_stop_stays_ready() -> None:
     status = SharedStatus()
     stops, requested_at = StopRequests(status), time.monotonic()
     stops.record()
@@ -53,7 +53,7 @@ def test_a_stale_request_leaves_a_cell_ready_that_was_connected_after_the_stop()
     assert status.now.state == "ready"
 
 
-def test_after_the_arm_is_stopped_no_cell_is_ready_however_it_was_connected() -> None:
+def test_no_cell_is_ready_after_the_arm_was_stopped() -> None:
     status = SharedStatus()
     stops = StopRequests(status)
     stops.record()
