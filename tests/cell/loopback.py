@@ -1,9 +1,9 @@
-"""Addresses for virtual controllers in tests that run side by side."""
+"""Addresses for virtual controllers of concurrent tests."""
 
 import secrets
 
 
 def free_host() -> str:
-    """A loopback address of its own: of sixteen million, so that no two tests meet."""
+    """Return a random one of sixteen million loopback addresses, so that no two tests use the same."""
     a, b, c = (secrets.randbelow(254) + 1 for _ in range(3))
     return f"127.{a}.{b}.{c}"

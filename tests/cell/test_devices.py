@@ -1,4 +1,4 @@
-"""A view is checked when it is made."""
+"""A view is checked when it is created."""
 
 from dataclasses import replace
 from typing import Any
@@ -25,10 +25,10 @@ def k_with(row: int, column: int, value: float) -> np.ndarray:
     return K
 
 
-def test_camera_points_come_to_the_base_through_the_flange() -> None:
-    # The flange is turned upside down 0.4 m above the base, the camera is 5 cm along its x and 2 cm below it.
+def test_camera_points_are_transformed_to_the_base_by_the_flange() -> None:
+    # The flange is upside down 0.4 m above the base. The camera is 5 cm along its x axis and 2 cm below it.
     seen = transform_points(VIEW.T_base_camera, np.array([[0.0, 0.0, 0.3], [0.0, 0.1, 0.3]]))
-    # Roundings of a few doubles below one metre.
+    # A few rounding errors of doubles below one metre.
     np.testing.assert_allclose(seen, [[0.35, 0.1, 0.08], [0.35, 0.0, 0.08]], rtol=0, atol=1e-15)
 
 
@@ -56,14 +56,14 @@ def test_camera_points_come_to_the_base_through_the_flange() -> None:
         ({"K": k_with(1, 2, -1)}, r"centre at \(31.5, -1\), outside the 64x40 depth image"),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(change: dict[str, Any], message: str) -> None:
+def test_inconsistent_parts_are_rejected(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidViewError, match=f"view 3: .*{message}"):
         replace(VIEW, **change)
 
 
 @pytest.mark.parametrize("name", ["T_base_flange", "T_flange_camera"])
 @pytest.mark.parametrize("matrix", [np.eye(3), np.diag([1, 1, -1, 1]), np.full((4, 4), np.nan)])
-def test_poses_that_are_not_rigid_are_refused(name: str, matrix: np.ndarray) -> None:
+def test_poses_that_are_not_rigid_are_rejected(name: str, matrix: np.ndarray) -> None:
     with pytest.raises(NotRigidError, match=f"view 3: {name}"):
         replace(VIEW, **{name: matrix})
 

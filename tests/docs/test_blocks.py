@@ -47,7 +47,7 @@ ELSEWHERE = {
     "sudo cp docker/80-oak.rules": "docker/80-oak.rules::sudo cp docker/80-oak.rules",
     "sudo chown 10001": "docker/Dockerfile::--uid 10001",
     "python -m cell.simulation.ur_controller": "tests/cell/simulation/ur_controller/test_launcher.py"
-    "::test_it_takes_connections_when_start_returns",
+    "::test_a_started_controller_accepts_connections",
     ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/ur_controller/test_faults.py::protective_stop",
     "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
     "curl -H": "tests/service/security/auth/test_bind_policy.py::",

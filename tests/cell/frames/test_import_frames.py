@@ -1,4 +1,4 @@
-"""What an import of depth images does with single values."""
+"""Import of depth images: poses, file names, depths and units."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from cell.frames.import_frames import encodable
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_a_pose_out_of_a_recording_is_read_again_to_the_last_bit(seed: int) -> None:
+def test_a_pose_of_a_recording_is_read_exactly(seed: int) -> None:
     random = np.random.default_rng(seed)
     quaternion = random.normal(size=4)
     first = from_quaternion(random.normal(size=3), quaternion / np.linalg.norm(quaternion), "T")
@@ -35,12 +35,12 @@ def test_numbers_in_file_names_are_ordered_by_value() -> None:
     ]
 
 
-def test_metres_become_counts_and_what_is_not_measured_becomes_zero() -> None:
+def test_metres_become_counts_and_missing_depths_become_zero() -> None:
     metres = np.array([[0.5, np.nan, np.inf], [0.0, 7.0, 1e-9]])
     assert to_counts(metres, 1.0, 1e-4).tolist() == [[5000, 0, 0], [0, 0, 0]]
 
 
-def test_integer_counts_stay_as_they_are() -> None:
+def test_integer_counts_are_unchanged() -> None:
     counts = np.array([[0, 1, 65535, 65536]], dtype=np.int32)
     assert to_counts(counts, 0.001, 0.001).tolist() == [[0, 1, 65535, 0]]
 

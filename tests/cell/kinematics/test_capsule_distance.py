@@ -8,12 +8,12 @@ from cell.kinematics.capsule_distance import box_distances, segment_distances
 
 point = st.lists(st.floats(-1, 1).map(lambda x: round(x, 3)), min_size=3, max_size=3).map(np.array)
 SHARES = np.linspace(0, 1, 201)[:, None]
-# A place lies at most half a step of a piece from one looked at, and a piece is at most sqrt(12) long.
+# Each point is at most half a step from a sample, and a segment is at most sqrt(12) long.
 STEP = np.sqrt(12) / 400
 
 
 @given(point, point, point, point)
-def test_pieces_are_as_far_apart_as_their_nearest_places(
+def test_the_distance_of_segments_is_that_of_their_nearest_points(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
 ) -> None:
     found = float(segment_distances(a, b, c, d))
@@ -27,13 +27,13 @@ def test_pieces_are_as_far_apart_as_their_nearest_places(
     ("pieces", "distance"),
     [
         (((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)), 1.0),  # side by side
-        (((0, 0, 0), (1, 0, 0), (3, 0, 0), (4, 0, 0)), 2.0),  # one behind the other
+        (((0, 0, 0), (1, 0, 0), (3, 0, 0), (4, 0, 0)), 2.0),  # one after the other on a line
         (((0, 0, 0), (2, 0, 0), (1, -1, 0.5), (1, 1, 0.5)), 0.5),  # crossing
         (((0, 0, 0), (0, 0, 0), (1, 1, 1), (1, 1, 1)), np.sqrt(3)),  # two points
-        (((0, 0, 0), (1, 0, 0), (0.5, 2, 0), (0.5, 2, 0)), 2.0),  # a piece and a point
+        (((0, 0, 0), (1, 0, 0), (0.5, 2, 0), (0.5, 2, 0)), 2.0),  # a segment and a point
     ],
 )
-def test_pieces_whose_distance_is_known(pieces: tuple[tuple[float, ...], ...], distance: float) -> None:
+def test_segments_have_their_known_distance(pieces: tuple[tuple[float, ...], ...], distance: float) -> None:
     assert float(segment_distances(*(np.array(p, dtype=float) for p in pieces))) == pytest.approx(distance)
 
 
@@ -46,17 +46,17 @@ def depth(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @given(point, point)
-def test_a_piece_is_as_far_from_a_box_as_its_nearest_place(a: NDArray[np.float64], b: NDArray[np.float64]) -> None:
+def test_the_distance_of_a_segment_from_a_box_is_that_of_its_nearest_point(
+    a: NDArray[np.float64], b: NDArray[np.float64]
+) -> None:
     found = float(box_distances(a[None], b[None], LOW, HIGH, beyond_m=10.0)[0])
     tried = depth(a + SHARES * (b - a)).min()
     assert found - 1e-3 <= tried <= found + STEP
 
 
 @given(point, point)
-def test_far_from_a_box_the_distance_may_be_told_too_small_but_not_below_what_matters(
-    a: NDArray[np.float64], b: NDArray[np.float64]
-) -> None:
+def test_far_from_a_box_the_distance_is_a_lower_bound(a: NDArray[np.float64], b: NDArray[np.float64]) -> None:
     true = float(box_distances(a[None], b[None], LOW, HIGH, beyond_m=10.0)[0])
-    told = float(box_distances(a[None], b[None], LOW, HIGH, beyond_m=0.2)[0])
-    assert told <= true + 1e-3
-    assert told == pytest.approx(true, abs=1e-3) or told > 0.2
+    bounded = float(box_distances(a[None], b[None], LOW, HIGH, beyond_m=0.2)[0])
+    assert bounded <= true + 1e-3
+    assert bounded == pytest.approx(true, abs=1e-3) or bounded > 0.2

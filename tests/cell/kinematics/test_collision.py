@@ -30,7 +30,8 @@ def cell(model: ArmModelName = "ur5e", table_z_m: float = 0.0, obstacles: tuple[
     )
 
 
-def what_is_near(collisions: CollisionModel, degrees: tuple[float, ...]) -> list[str]:
+def near_pairs(collisions: CollisionModel, degrees: tuple[float, ...]) -> list[str]:
+    """Return the messages of all pairs that are too near at these joint angles."""
     gaps = collisions.gaps(np.deg2rad(degrees)[None])[0]
     return [words for words, short in zip(collisions.contacts, gaps - collisions.clearances, strict=True) if short < 0]
 
@@ -40,8 +41,8 @@ def what_is_near(collisions: CollisionModel, degrees: tuple[float, ...]) -> list
     "degrees",
     [(0, -90, 90, -90, -90, 0), (0, -90, 0, -90, 0, 0), (30, -110, 100, -80, -90, 45), (180, -70, -100, -100, 90, 0)],
 )
-def test_usual_postures_are_free(model: ArmModelName, degrees: tuple[float, ...]) -> None:
-    assert what_is_near(cell(model), degrees) == []
+def test_usual_configurations_are_free(model: ArmModelName, degrees: tuple[float, ...]) -> None:
+    assert near_pairs(cell(model), degrees) == []
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -55,13 +56,13 @@ def test_usual_postures_are_free(model: ArmModelName, degrees: tuple[float, ...]
         ((0, -10, -170, -10, -90, 0), "the upper arm comes too near the wrist 1"),
     ],
 )
-def test_what_touches_is_named(model: ArmModelName, degrees: tuple[float, ...], words: str) -> None:
-    assert words in what_is_near(cell(model), degrees)
+def test_a_contact_is_named(model: ArmModelName, degrees: tuple[float, ...], words: str) -> None:
+    assert words in near_pairs(cell(model), degrees)
 
 
 @given(st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array), st.floats(-1.0, 0.1))
 @settings(max_examples=40)
-def test_a_lower_table_is_farther_by_as_much(q: NDArray[np.float64], table_z_m: float) -> None:
+def test_the_distance_grows_as_the_table_is_lowered(q: NDArray[np.float64], table_z_m: float) -> None:
     near, far = cell(), cell(table_z_m=table_z_m)
     of_table = [k for k, words in enumerate(near.contacts) if words.endswith("the table")]
     difference = (far.gaps(q[None]) - near.gaps(q[None]))[0, of_table]
@@ -70,7 +71,7 @@ def test_a_lower_table_is_farther_by_as_much(q: NDArray[np.float64], table_z_m: 
 
 @given(st.lists(st.floats(-3.1, 3.1), min_size=6, max_size=6).map(np.array), st.floats(-3.1, 3.1))
 @settings(max_examples=40)
-def test_turning_the_base_changes_no_distance_of_the_arm_from_itself(q: NDArray[np.float64], turn: float) -> None:
+def test_a_rotation_of_the_base_keeps_the_self_distances(q: NDArray[np.float64], turn: float) -> None:
     collisions = cell()
     turned = q + np.array([turn, 0, 0, 0, 0, 0])
     own = [k for k, words in enumerate(collisions.contacts) if "obstacle" not in words and "workspace" not in words]
@@ -78,7 +79,7 @@ def test_turning_the_base_changes_no_distance_of_the_arm_from_itself(q: NDArray[
     assert one == pytest.approx(other, abs=1e-9)
 
 
-def test_a_box_at_the_camera_is_touched_and_one_beside_it_is_not() -> None:
+def test_a_box_touches_the_camera_only_if_it_is_near() -> None:
     eye = (forward("ur5e", READY) @ T_FLANGE_CAMERA)[:3, 3]
 
     def box(centre: NDArray[np.float64]) -> Box:
@@ -86,13 +87,13 @@ def test_a_box_at_the_camera_is_touched_and_one_beside_it_is_not() -> None:
         return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
     ready = tuple(np.rad2deg(READY))
-    assert "the camera comes too near obstacle 1" in what_is_near(cell(obstacles=(box(eye),)), ready)
+    assert "the camera comes too near obstacle 1" in near_pairs(cell(obstacles=(box(eye),)), ready)
     # Corners in any order.
     low, high = box(eye)
-    assert "the camera comes too near obstacle 1" in what_is_near(cell(obstacles=((high, low),)), ready)
+    assert "the camera comes too near obstacle 1" in near_pairs(cell(obstacles=((high, low),)), ready)
     beside = eye + np.array([0.0, 0.0, -0.08])
-    assert what_is_near(cell(obstacles=(box(beside), box(beside))), ready) == []
-    # From the box's top to the underside of the camera's body, which is round across its length and nearly level.
+    assert near_pairs(cell(obstacles=(box(beside), box(beside))), ready) == []
+    # From the top of the box to the underside of the camera body, which is a nearly level capsule.
     collisions = cell(obstacles=(box(beside),))
     gap = collisions.gaps(READY[None])[0, collisions.contacts.index("the camera comes too near obstacle 1")]
     assert gap == pytest.approx(0.07 - 0.029, abs=0.006)
@@ -100,7 +101,7 @@ def test_a_box_at_the_camera_is_touched_and_one_beside_it_is_not() -> None:
 
 @given(st.tuples(*[st.floats(0.02, 0.2)] * 3))
 @settings(deadline=None)
-def test_the_whole_body_of_the_camera_is_looked_at(body_m: tuple[float, float, float]) -> None:
+def test_the_capsule_contains_the_whole_camera_body(body_m: tuple[float, float, float]) -> None:
     collisions = collision_model(CellSettings(camera=SimulatedCamera(body_m=body_m)), np.eye(4))
     (a, b), radius = collisions.part_ends[-1], collisions.part_radii[-1]
     for corner in itertools.product(*((-size / 2, size / 2) for size in body_m)):
@@ -108,11 +109,11 @@ def test_the_whole_body_of_the_camera_is_looked_at(body_m: tuple[float, float, f
         assert np.linalg.norm(corner - nearest) <= radius + 1e-9
 
 
-def test_what_reaches_among_the_strings_is_said() -> None:
-    assert what_is_near(cell(), (180, -80, 130, -80, -40, 0)) == ["the camera reaches into the workspace"]
+def test_a_part_inside_the_string_area_is_named() -> None:
+    assert near_pairs(cell(), (180, -80, 130, -80, -40, 0)) == ["the camera reaches into the workspace"]
 
 
-def test_many_postures_at_once_are_looked_at_each_for_itself() -> None:
+def test_a_batch_of_configurations_gives_the_single_results() -> None:
     collisions = cell(obstacles=(((0.3, 0.3, 0.0), (0.5, 0.5, 0.6)),))
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (40, 6))
     together = collisions.gaps(q)
@@ -121,7 +122,7 @@ def test_many_postures_at_once_are_looked_at_each_for_itself() -> None:
         assert together[k] == pytest.approx(collisions.gaps(q[k : k + 1])[0], abs=1e-12)
 
 
-def test_all_but_the_workspace_is_solid() -> None:
+def test_everything_outside_the_workspace_is_solid() -> None:
     collisions = cell(obstacles=(((0.3, 0.3, 0.0), (0.5, 0.5, 0.6)),))
     assert [words for words, solid in zip(collisions.contacts, collisions.solid, strict=True) if not solid] == [
         words for words in collisions.contacts if words.endswith("the workspace")

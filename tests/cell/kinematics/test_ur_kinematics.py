@@ -22,47 +22,47 @@ MODELS: tuple[ArmModelName, ...] = ("ur3e", "ur5e", "ur10e")
 models = st.sampled_from(MODELS)
 angles = st.lists(st.floats(-6.2, 6.2), min_size=6, max_size=6).map(np.array)
 
-# The solver works with doubles; its poses are exact to rounding, and ours are held to 1e-7 by a check of their own.
+# The poses of the solver are exact to rounding of doubles. The code under test checks its poses to 1e-7.
 POSE = 2e-7
 
 
 def turned(q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of angles from the nearest whole turn."""
+    """Return the distance of angles from the nearest whole turn, radians."""
     return np.abs(np.angle(np.exp(1j * q)))
 
 
 @pytest.mark.parametrize(
     ("model", "place"),
-    # x = a2 + a3, y = -(d4 + d6), z = d1 - d5 of the maker's tables, in metres.
+    # x = a2 + a3, y = -(d4 + d6), z = d1 - d5 of the tables of UR, metres.
     [
         ("ur3e", (-0.45675, -0.22315, 0.0665)),
         ("ur5e", (-0.8172, -0.2329, 0.0628)),
         ("ur10e", (-1.18425, -0.2907, 0.06085)),
     ],
 )
-def test_with_all_joints_at_zero_the_arm_is_stretched_along_minus_x(
+def test_at_zero_angles_the_arm_is_stretched_along_minus_x(
     model: ArmModelName, place: tuple[float, float, float]
 ) -> None:
     T = forward(model, np.zeros(6))
     assert T[:3, 3] == pytest.approx(place, abs=1e-9)
-    # The flange looks along -y, its own x axis along the arm's links.
+    # The z axis of the flange points along -y, and its x axis along the links.
     assert T[:3, 2] == pytest.approx((0, -1, 0), abs=1e-9)
 
 
 @given(models, angles)
-def test_the_table_and_the_solver_are_one_arm(model: ArmModelName, q: NDArray[np.float64]) -> None:
+def test_the_table_and_the_solver_agree(model: ArmModelName, q: NDArray[np.float64]) -> None:
     frames = link_frames(model, q)
     assert frames.shape == (7, 4, 4)
     assert np.array_equal(frames[0], np.eye(4))
     assert np.array_equal(rigid(forward(model, q), "flange"), frames[6])
-    # The solver gives its rotation column by column.
+    # The solver returns its rotation by columns.
     R, t = _solver(model)[0].forward_kinematics(q.tolist())
     assert np.abs(np.array(R).T @ _solver(model)[1] - frames[6, :3, :3]).max() < 1e-12
     assert np.abs(t - frames[6, :3, 3]).max() < 1e-12
 
 
 @given(models, angles)
-def test_many_postures_at_once_give_the_same_frames(model: ArmModelName, q: NDArray[np.float64]) -> None:
+def test_a_batch_gives_the_same_frames_as_single_configurations(model: ArmModelName, q: NDArray[np.float64]) -> None:
     many = np.array([[q, q + 0.3], [q - 0.2, -q]])
     frames = link_frames(model, many)
     assert frames.shape == (2, 2, 7, 4, 4)
@@ -76,26 +76,26 @@ def test_the_jacobian_is_the_derivative_of_the_pose(model: ArmModelName, q: NDAr
     J = jacobian(model, q)
     for k in range(6):
         ahead, behind = (forward(model, q + s * step * np.eye(6)[k]) for s in (1, -1))
-        # Central differences: an error of step^2 / 6 times the third derivative, which is at most the arm's length.
+        # The error of central differences is step^2 / 6 times the third derivative, at most the length of the arm.
         assert (ahead - behind)[:3, 3] / (2 * step) == pytest.approx(J[:3, k], abs=1e-8)
         spin = (ahead - behind)[:3, :3] / (2 * step) @ forward(model, q)[:3, :3].T
         assert (spin[2, 1], spin[0, 2], spin[1, 0]) == pytest.approx(tuple(J[3:, k]), abs=1e-8)
 
 
 @given(models, angles)
-def test_inverse_finds_the_posture_again(model: ArmModelName, q: NDArray[np.float64]) -> None:
+def test_the_inverse_contains_the_original_configuration(model: ArmModelName, q: NDArray[np.float64]) -> None:
     found = inverse(model, forward(model, q))
     assert np.abs(link_frames(model, found)[:, 6] - forward(model, q)).max(initial=0.0) < POSE
     assert (found > -np.pi).all()
     assert (found <= np.pi).all()
-    # At singular postures the pose has endlessly many, of which only some are given.
+    # At singular poses there are infinitely many configurations, of which only some are returned.
     if np.linalg.svd(jacobian(model, q), compute_uv=False)[-1] > 1e-3:
         assert turned(found - q).max(axis=1).min() < 1e-5
         assert len(found) <= 8
 
 
 @given(models, angles)
-def test_inverse_gives_each_posture_once(model: ArmModelName, q: NDArray[np.float64]) -> None:
+def test_the_inverse_returns_each_configuration_once(model: ArmModelName, q: NDArray[np.float64]) -> None:
     found = inverse(model, forward(model, q))
     for k in range(len(found)):
         others = np.delete(found, k, axis=0)
@@ -112,7 +112,7 @@ def test_inverse_gives_each_posture_once(model: ArmModelName, q: NDArray[np.floa
         ((0, -90, 0, 0, 0, 0), 4),
     ],
 )
-def test_degenerate_poses_lose_no_posture(
+def test_degenerate_poses_lose_no_configuration(
     model: ArmModelName, degrees: tuple[float, ...], at_least: int, capfd: pytest.CaptureFixture[str]
 ) -> None:
     q = np.deg2rad(degrees)
@@ -122,12 +122,12 @@ def test_degenerate_poses_lose_no_posture(
     assert np.abs(link_frames(model, found)[:, 6] - T).max() < POSE
     if at_least == 8:
         assert turned(found - q).max(axis=1).min() < 1e-5
-    # Nothing of a library's comes on the stream that results go to.
+    # The library prints nothing to the stream of the results.
     assert capfd.readouterr().out == ""
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_many_poses_at_once_give_the_same_postures(model: ArmModelName) -> None:
+def test_a_batch_gives_the_same_configurations_as_single_poses(model: ArmModelName) -> None:
     rng = np.random.default_rng(5)
     poses = np.array([forward(model, q) for q in rng.uniform(-np.pi, np.pi, (20, 6))])
     poses[7, :3, 3] = (3.0, 0.0, 0.0)
@@ -138,17 +138,17 @@ def test_many_poses_at_once_give_the_same_postures(model: ArmModelName) -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_what_is_out_of_reach_has_no_posture(model: ArmModelName) -> None:
+def test_an_unreachable_pose_has_no_configuration(model: ArmModelName) -> None:
     far = np.eye(4)
     far[0, 3] = sum(map(abs, ARMS[model].a_m)) + sum(ARMS[model].d_m)
     assert inverse(model, far).shape == (0, 6)
-    # On the base's axis: the wrist cannot come nearer to it than its own offset.
+    # On the axis of the base: the wrist cannot be nearer to it than its offset.
     assert inverse(model, np.eye(4)).shape == (0, 6)
     q, which = inverse_each(model, np.zeros((0, 4, 4)))
     assert (q.shape, which.shape) == ((0, 6), (0,))
 
 
-def test_limits_and_speeds() -> None:
+def test_limits_and_speeds_are_those_of_the_models() -> None:
     assert joint_limits("ur5e") == pytest.approx([2 * np.pi] * 6)
     assert joint_limits("ur3e")[:5] == pytest.approx([2 * np.pi] * 5)
     assert np.isinf(joint_limits("ur3e")[5])

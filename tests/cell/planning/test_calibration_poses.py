@@ -49,7 +49,7 @@ def reached(plan: ViewpointPlan) -> list[Viewpoint]:
 
 
 @pytest.mark.parametrize("cell", range(len(CELLS)))
-def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(cell: int) -> None:
+def test_every_image_shows_the_whole_board_near_the_middle(cell: int) -> None:
     settings, plan = CELLS[cell], planned(cell)
     optics, rng = settings.camera.optics, np.random.default_rng(0)
     points = BOARD.points - BOARD.points.mean(axis=0)
@@ -61,13 +61,13 @@ def test_wherever_the_board_lies_about_the_middle_every_picture_shows_all_of_it(
         lying = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + place
         seen = transform_points(inverse(v.T_base_camera), lying)
         pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
-        # A twentieth of the picture is left on each side, a little less by poses 10 degrees lower than wanted.
+        # The margin is a twentieth of the image, slightly less at poses that are 10 degrees too low.
         margin = 0.04 * np.array([optics.width, optics.height])
         assert (pixels > margin).all()
         assert (pixels < np.array([optics.width, optics.height]) - margin).all()
 
 
-def test_a_mounting_measured_with_a_ruler_shows_most_of_the_board() -> None:
+def test_a_measured_mounting_shows_most_of_the_board() -> None:
     optics, rng = DEFAULT.camera.optics, np.random.default_rng(0)
     corners = BOARD.points - BOARD.points.mean(axis=0) + middle_of(DEFAULT)
     turn, shift = rng.normal(size=(2, 3))
@@ -80,7 +80,7 @@ def test_a_mounting_measured_with_a_ruler_shows_most_of_the_board() -> None:
         assert inside.mean() > 0.75
 
 
-def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
+def test_the_poses_have_all_azimuths_several_rolls_and_two_distances() -> None:
     plan = planned(0)
     solved_from = plan.viewpoints[:15]
     assert plan.held_out == (15, 16)
@@ -99,7 +99,7 @@ def test_the_poses_are_tilted_and_rolled_all_round_at_two_distances() -> None:
 
 
 @pytest.mark.parametrize("cell", range(len(CELLS)))
-def test_the_poses_held_out_are_no_copies_of_those_solved_from(cell: int) -> None:
+def test_held_out_poses_differ_from_the_other_poses(cell: int) -> None:
     plan = planned(cell)
     for held_out, other in itertools.product(plan.viewpoints[15:], plan.viewpoints[:15]):
         apart = inverse(held_out.T_base_camera) @ other.T_base_camera
@@ -108,14 +108,14 @@ def test_the_poses_held_out_are_no_copies_of_those_solved_from(cell: int) -> Non
 
 
 @pytest.mark.parametrize("cell", range(len(CELLS)))
-def test_the_whole_way_is_free_and_ends_at_each_pose_and_home(cell: int) -> None:
+def test_the_path_is_free_and_visits_each_pose_and_home(cell: int) -> None:
     settings, plan = CELLS[cell], planned(cell)
     collisions = collision_model(settings, T_FLANGE_CAMERA)
     place = plan.start_q_rad
     for leg in plan.legs:
         for target in leg.waypoints_rad:
             line = place + np.linspace(0, 1, 100)[:, None] * (target - place)
-            # As for viewpoints: places between those looked at may be a little nearer.
+            # As for viewpoints, positions between the samples may be slightly nearer.
             assert (collisions.gaps(line) > collisions.clearances - 0.02).all()
             place = target
         if leg.view is None:
@@ -126,12 +126,12 @@ def test_the_whole_way_is_free_and_ends_at_each_pose_and_home(cell: int) -> None
     assert sorted(leg.view for leg in plan.legs if leg.view is not None) == [v.index for v in reached(plan)]
 
 
-def test_other_numbers_of_poses() -> None:
+def test_the_number_of_poses_can_be_set() -> None:
     plan = plan_calibration(DEFAULT, BOARD, T_FLANGE_CAMERA, None, poses=12, held_out=0)
     assert (plan.reachable, plan.held_out, plan.warnings) == (12, (), ())
 
 
-def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
+def test_another_pose_is_held_out_if_none_for_verification_is_reachable() -> None:
     far_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.64, 1.0)))
     plan = plan_calibration(far_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
     assert plan.viewpoints[15].q_rad is None
@@ -140,7 +140,7 @@ def test_where_no_pose_to_verify_from_is_reached_another_is_held_out() -> None:
     assert plan.reachable - 1 >= 10
 
 
-def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> None:
+def test_without_a_held_out_pose_there_is_a_warning() -> None:
     farther_off = CellSettings(workspace=WorkspaceSettings(x_m=(0.67, 1.03)))
     plan = plan_calibration(farther_off, BOARD, T_FLANGE_CAMERA, None, held_out=1)
     assert plan.reachable == 10
@@ -148,14 +148,14 @@ def test_where_none_can_be_spared_a_warning_says_that_nothing_is_verified() -> N
     assert "the calibration will not be verified: change x_m" in plan.warnings[0]
 
 
-def test_too_few_poses_are_refused_with_their_reasons() -> None:
+def test_too_few_reachable_poses_are_refused_with_reasons() -> None:
     out_of_reach = CellSettings(workspace=WorkspaceSettings(x_m=(0.72, 1.08)))
     with pytest.raises(ViewpointsError, match=r"only \d of 15 calibration poses can be reached, 10 are needed") as told:
         plan_calibration(out_of_reach, BOARD, T_FLANGE_CAMERA, None)
     assert "0: out of the arm's reach" in str(told.value).split("Not reached are ")[1]
 
 
-def test_of_a_board_too_large_for_the_arm_a_smaller_one_is_asked_for() -> None:
+def test_a_board_that_is_too_large_is_refused() -> None:
     board = Board(pitch_m=0.08, marker_m=0.056)
     with pytest.raises(
         ViewpointsError, match=r"take a smaller board, as the camera sees all of this one from 0\.\d\d m"
@@ -163,7 +163,7 @@ def test_of_a_board_too_large_for_the_arm_a_smaller_one_is_asked_for() -> None:
         plan_calibration(CellSettings(), board, T_FLANGE_CAMERA, None)
 
 
-def test_where_far_poses_are_out_of_reach_a_warning_says_what_goes_unnoticed() -> None:
+def test_unreachable_far_poses_give_a_warning() -> None:
     wide = CellSettings(camera=SimulatedCamera(working_m=(0.55, 1.0)))
     plan = plan_calibration(wide, BOARD, T_FLANGE_CAMERA, None)
     far = sum(v.distance_m > (0.55 + 0.55 * MAX_RATIO) / 2 for v in reached(plan) if v.index < 15)
@@ -172,18 +172,18 @@ def test_where_far_poses_are_out_of_reach_a_warning_says_what_goes_unnoticed() -
 
 
 @pytest.mark.parametrize("settings", CELLS)
-def test_a_verification_looks_from_opposite_sides(settings: CellSettings) -> None:
+def test_a_verification_has_views_from_opposite_sides(settings: CellSettings) -> None:
     plan = plan_verification(settings, BOARD, T_FLANGE_CAMERA, None)
     one, other = (v.T_base_camera for v in plan.viewpoints)
     assert plan.held_out == (0, 1)
     sides = np.array([T[:2, 3] - middle_of(settings)[:2] for T in (one, other)])
     cosine = (sides[0] @ sides[1]) / np.prod(np.linalg.norm(sides, axis=1))
     assert cosine < np.cos(np.deg2rad(150))
-    # Along the table, a camera that was moved puts the board apart by nearly twice its way.
+    # A displacement of the camera along the table separates the two board positions by nearly twice its size.
     assert np.linalg.norm((one - other)[:2, 0]) > 1.5
 
 
-def test_a_verification_from_one_side_only_is_refused() -> None:
+def test_a_verification_from_one_side_is_refused() -> None:
     wall = MountingSettings(obstacles_m=(((-0.2, 0.14, 0.0), (0.9, 0.6, 0.9)),))
     settings = CellSettings(mounting=wall)
     with pytest.raises(ViewpointsError, match="from two sides of the board, and the arm does not reach both"):

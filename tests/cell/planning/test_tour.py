@@ -20,7 +20,7 @@ def open_cell() -> CollisionModel:
 
 
 def walled_cell() -> CollisionModel:
-    """With a wall in front of the arm, so that it cannot swing past low."""
+    """Return a cell with a wall in front of the arm that blocks low paths."""
     wall = MountingSettings(obstacles_m=(((0.5, -0.02, 0.0), (0.9, 0.02, 0.35)),))
     return collision_model(CellSettings(mounting=wall), from_rotation_vector((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
 
@@ -46,8 +46,8 @@ def cost(result: Tour, start: Configurations = HOME) -> float:
     return total
 
 
-def least(groups: list[Configurations], start: Configurations, path_finder: PathFinder) -> float:
-    """Over all orders and postures, with the path of each leg."""
+def least_cost(groups: list[Configurations], start: Configurations, path_finder: PathFinder) -> float:
+    """Return the least_cost cost over all orders and configurations, with the path of each leg."""
 
     def length(a: Configurations, b: Configurations) -> float:
         path = path_finder.path_between(a, b)
@@ -61,15 +61,15 @@ def least(groups: list[Configurations], start: Configurations, path_finder: Path
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_order_and_no_choice_of_postures_is_shorter(seed: int) -> None:
+def test_the_tour_is_the_shortest_of_all_orders_and_configurations(seed: int) -> None:
     rng = np.random.default_rng(seed)
     groups = near_home(rng, 4, 2)
     start = HOME + rng.uniform(-0.3, 0.3, 6)
     result, path_finder = found(groups, open_cell(), start)
-    assert cost(result, start) == pytest.approx(least(groups, start, path_finder), abs=1e-9)
+    assert cost(result, start) == pytest.approx(least_cost(groups, start, path_finder), abs=1e-9)
 
 
-def test_every_viewpoint_is_visited_once_where_the_route_says() -> None:
+def test_the_route_visits_every_viewpoint_once() -> None:
     groups = near_home(np.random.default_rng(9), 5, 3)
     result, _ = found(groups, open_cell())
     assert sorted(group for group, _ in result.stops) == [0, 1, 2, 3, 4]
@@ -78,25 +78,25 @@ def test_every_viewpoint_is_visited_once_where_the_route_says() -> None:
     assert np.array_equal(result.paths[-1][-1], HOME)
 
 
-def test_round_a_wall_too_no_route_by_home_is_shorter() -> None:
+def test_the_tour_around_a_wall_is_not_longer_than_by_home() -> None:
     rng = np.random.default_rng(2)
     collisions = walled_cell()
-    # On either side of the wall, lower than its edge.
+    # The viewpoints are on both sides of the wall, below its edge.
     low = np.deg2rad([(142.0, -40.0, 40.0, -90.0, -90.0, 0.0), (202.0, -40.0, 40.0, -90.0, -90.0, 0.0)])
     groups = [q + rng.uniform(-0.03, 0.03, (2, 6)) for q in (low[0], low[1], low[0], low[1])]
     assert (collisions.gaps(np.concatenate(groups)) >= collisions.clearances).all()
     result, path_finder = found(groups, collisions)
     assert not path_finder.is_free(groups[0][0], groups[1][0])
-    assert cost(result) == pytest.approx(least(groups, HOME, path_finder), abs=1e-9)
+    assert cost(result) == pytest.approx(least_cost(groups, HOME, path_finder), abs=1e-9)
     place = HOME
     for target in [q for path in result.paths for q in path]:
         line = place + np.linspace(0, 1, 400)[:, None] * (target - place)
-        # Between the places looked at, 0.03 rad apart, the arm comes at most 1.5 cm nearer than the clearance of 3 cm.
+        # Between the samples, 0.03 rad apart, the arm is at most 1.5 cm nearer than the clearance of 3 cm.
         assert (collisions.gaps(line) > collisions.clearances - 0.015).all()
         place = target
 
 
-def test_many_viewpoints_are_ordered_nearly_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_heuristic_for_many_viewpoints_is_nearly_optimal(monkeypatch: pytest.MonkeyPatch) -> None:
     shares = []
     for seed in range(6):
         groups = near_home(np.random.default_rng(seed), 7, 3)
@@ -105,18 +105,18 @@ def test_many_viewpoints_are_ordered_nearly_as_well(monkeypatch: pytest.MonkeyPa
             patch.setattr(tour, "EXACT_VIEWS", 0)
             shares.append(cost(found(groups, open_cell())[0]) / exact)
     assert min(shares) >= 1 - 1e-9
-    # Exchanges end in some local best; among seven random viewpoints that is a few percent longer.
+    # Exchanges end in a local optimum, which is a few percent longer for seven random viewpoints.
     assert np.mean(shares) < 1.1
 
 
-def test_nothing_to_visit_leads_home() -> None:
+def test_a_tour_without_viewpoints_moves_home() -> None:
     start = HOME + 0.1
     result, _ = found([], open_cell(), start)
     assert result.stops == ()
     assert np.array_equal(result.paths[0][-1], HOME)
 
 
-def test_a_start_without_a_way_out_has_no_route() -> None:
+def test_a_blocked_start_has_no_route() -> None:
     collisions = open_cell()
     below = np.deg2rad((180.0, -20.0, 60.0, -90.0, -90.0, 0.0))
     assert (collisions.gaps(below[None]) < collisions.clearances).any()
@@ -124,8 +124,8 @@ def test_a_start_without_a_way_out_has_no_route() -> None:
     assert find_tour(below, HOME, near_home(np.random.default_rng(0), 2, 2), path_finder, collisions.clearances) is None
 
 
-def test_an_endless_turn_is_no_neighbour() -> None:
-    # The same pose a whole turn away costs the turn.
+def test_whole_turns_of_a_joint_count_as_travel() -> None:
+    # The same pose with a joint a whole turn away costs that turn.
     groups = [np.array([HOME + (0, 0, 0, 0, 0, 2 * np.pi), HOME + 0.2])]
     result, _ = found(groups, open_cell())
     assert result.stops == ((0, 1),)

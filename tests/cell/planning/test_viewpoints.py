@@ -66,7 +66,7 @@ CELLS = [
 
 
 @pytest.mark.parametrize("settings", [DEFAULT, CELLS[3], CELLS[4], cell(middle=(0.0, -0.4)), cell(middle=(-0.36, 0.0))])
-def test_a_workspace_that_fits_the_arm_is_seen_from_all_sides(settings: CellSettings) -> None:
+def test_a_reachable_workspace_has_viewpoints_on_all_sides(settings: CellSettings) -> None:
     plan = plan_of(settings)
     assert plan.reachable == 8
     assert [v.reason for v in plan.viewpoints] == [None] * 8
@@ -75,7 +75,7 @@ def test_a_workspace_that_fits_the_arm_is_seen_from_all_sides(settings: CellSett
 
 
 @pytest.mark.parametrize("settings", CELLS)
-def test_the_camera_looks_at_the_workspace_where_the_plan_says(settings: CellSettings) -> None:
+def test_the_camera_pose_of_each_viewpoint_is_that_of_the_plan(settings: CellSettings) -> None:
     plan, optics = plan_of(settings), settings.camera.optics
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
     middle = np.array([(x0 + x1) / 2, (y0 + y1) / 2, floor])
@@ -90,11 +90,11 @@ def test_the_camera_looks_at_the_workspace_where_the_plan_says(settings: CellSet
         assert v.T_base_flange @ T_FLANGE_CAMERA == pytest.approx(v.T_base_camera, abs=1e-9)
         assert (v.q_rad is None) == (v.reason is not None)
         if v.q_rad is not None:
-            # The solver's poses are held to 1e-7.
+            # The poses of the solver are checked to 1e-7.
             assert forward(settings.arm.model, v.q_rad) == pytest.approx(v.T_base_flange, abs=2e-7)
 
 
-def test_the_whole_floor_is_in_the_image_from_the_least_distance_that_does() -> None:
+def test_the_distance_is_the_least_that_shows_the_whole_floor() -> None:
     settings = cell(half_m=0.15)
     optics = settings.camera.optics
     (x0, x1), (y0, y1), (floor, _) = settings.workspace_m
@@ -107,14 +107,14 @@ def test_the_whole_floor_is_in_the_image_from_the_least_distance_that_does() -> 
         off = np.abs(pixels[:, :2] / pixels[:, 2:] - optics.K[:2, 2]) / (optics.width / 2, optics.height / 2)
         assert off.max() < FILL + 1e-9
         assert seen[:, 2].min() > 1.05 * optics.near_m - 1e-9
-        # One of the bounds is what keeps the camera so far off.
+        # One of the bounds determines the distance.
         in_reach = (off.max() / FILL, 1.05 * optics.near_m / seen[:, 2].min(), optics.working_m[0] / v.distance_m)
         assert max(in_reach) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_baseline_points_in_many_directions() -> None:
+def test_the_baselines_have_many_directions() -> None:
     headings = np.array([v.T_base_camera[:2, 0] for v in plan_of(DEFAULT).viewpoints])
-    # As lines: a string that lies along one baseline lies at 25 degrees or more across that of three other views.
+    # A string along one baseline has an angle of at least 25 degrees to those of three other views.
     angles = np.arctan2(headings[:, 1], headings[:, 0])
     across = np.abs(np.sin(angles[:, None] - angles[None])) > np.sin(np.deg2rad(25))
     assert (across.sum(axis=1) >= 3).all()
@@ -122,9 +122,7 @@ def test_the_baseline_points_in_many_directions() -> None:
 
 @pytest.mark.parametrize("start", [None, tuple(READY)])
 @pytest.mark.parametrize("settings", CELLS)
-def test_the_whole_way_is_free_and_within_the_joints_limits(
-    settings: CellSettings, start: tuple[float, ...] | None
-) -> None:
+def test_the_path_is_free_and_within_the_joint_limits(settings: CellSettings, start: tuple[float, ...] | None) -> None:
     plan = plan_of(settings, start)
     collisions = collision_model(settings, T_FLANGE_CAMERA)
     place = plan.start_q_rad
@@ -133,7 +131,7 @@ def test_the_whole_way_is_free_and_within_the_joints_limits(
         travel = 0.0
         for target in leg.waypoints_rad:
             line = place + np.linspace(0, 1, 300)[:, None] * (target - place)
-            # Places between those looked at, 0.03 rad apart, may be nearer by half of it times the arm's length.
+            # Positions between the samples, 0.03 rad apart, may be nearer by half of that times the length of the arm.
             assert (collisions.gaps(line) > collisions.clearances - 0.02).all()
             assert (np.abs(target) <= USED_LIMIT_RAD).all()
             travel += np.abs(target - place).max()
@@ -155,7 +153,7 @@ def test_the_order_saves_travel() -> None:
     assert plan.travel_rad < 0.9 * travel
 
 
-def test_what_cannot_be_reached_says_why() -> None:
+def test_an_unreachable_viewpoint_has_a_reason() -> None:
     plan = plan_of(FAR)
     missing = {v.index: v.reason for v in plan.viewpoints if v.reason is not None}
     assert 0 in missing
@@ -168,7 +166,7 @@ def test_what_cannot_be_reached_says_why() -> None:
     require_enough(plan, plan.reachable)
 
 
-def test_a_wall_is_kept_away_from_and_named() -> None:
+def test_viewpoints_avoid_a_wall_or_name_it() -> None:
     plan = plan_of(OBSTRUCTED)
     changed = [v for v in plan.viewpoints if v.fallback or v.reason]
     untouched = plan_of(DEFAULT).viewpoints
@@ -177,7 +175,7 @@ def test_a_wall_is_kept_away_from_and_named() -> None:
 
 
 @pytest.mark.parametrize("clearance_m", [0.03, 0.0])
-def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace(clearance_m: float) -> None:
+def test_a_scan_may_start_inside_the_workspace(clearance_m: float) -> None:
     settings = cell(mounting=MountingSettings(clearance_m=clearance_m))
     low = np.deg2rad((180.0, -80.0, 130.0, -80.0, -40.0, 0.0))
     collisions = collision_model(settings, T_FLANGE_CAMERA)
@@ -188,7 +186,7 @@ def test_a_scan_can_begin_where_the_arm_stands_within_the_workspace(clearance_m:
 
 
 @pytest.mark.parametrize("clearance_m", [0.03, 0.0])
-def test_where_the_arm_touches_something_it_must_be_freed_first(clearance_m: float) -> None:
+def test_a_start_in_contact_is_refused(clearance_m: float) -> None:
     with pytest.raises(
         ViewpointsError, match=r"the camera comes too near the table: they overlap by 0\.\d+ m\. Move it"
     ):
@@ -199,7 +197,7 @@ def test_where_the_arm_touches_something_it_must_be_freed_first(clearance_m: flo
         )
 
 
-def test_home_is_taken_from_the_settings_if_it_is_free() -> None:
+def test_a_configured_home_is_used_if_it_is_free() -> None:
     def at(degrees: tuple[float, ...]) -> CellSettings:
         a, b, c, d, e, f = np.deg2rad(degrees).tolist()
         return DEFAULT.model_copy(update={"arm": SimulatedArm(home_q_rad=(a, b, c, d, e, f))})
@@ -209,7 +207,7 @@ def test_home_is_taken_from_the_settings_if_it_is_free() -> None:
         plan_of(at((180, 20, 0, -90, -90, 0)))
 
 
-def test_without_room_for_a_home_the_plan_is_refused() -> None:
+def test_a_plan_without_a_free_home_is_refused() -> None:
     with pytest.raises(ViewpointsError, match=r"no home posture was found above the workspace: check \[workspace\]"):
         plan_of(cell(middle=(3.0, 0.0)))
 
@@ -221,7 +219,7 @@ def test_the_same_settings_give_the_same_plan() -> None:
     assert one == other
 
 
-def test_it_is_plain_json() -> None:
+def test_the_plan_is_plain_json() -> None:
     document = json.loads(json.dumps(plan_of(FAR).to_json(), allow_nan=False))
     assert document["viewpoints"][0]["q_rad"] is None
     assert document["viewpoints"][0]["reason"] == "out of the arm's reach"
@@ -233,15 +231,15 @@ def test_it_is_plain_json() -> None:
 
 
 @pytest.mark.parametrize("settings", [DEFAULT, *CELLS[3:]])
-def test_a_workspace_that_fits_the_camera_is_covered(settings: CellSettings) -> None:
+def test_a_workspace_of_suitable_size_is_covered(settings: CellSettings) -> None:
     plan = plan_of(settings)
     assert plan.coverage.covered_share > 0.99
     assert plan.to_json()["coverage"] == {"fraction": round(plan.coverage.covered_share, 4), "warning": None}
 
 
-def test_a_workspace_larger_than_the_pictures_is_told() -> None:
+def test_a_workspace_larger_than_the_images_gives_a_warning() -> None:
     plan = plan_of(LARGE)
-    # As many places, drawn at random, are out of the pictures: each is looked for in each, one by one.
+    # The share is compared with random points, each of which is projected into each image.
     rng, optics = np.random.default_rng(0), LARGE.camera.optics
     (x0, x1), (y0, y1), (floor, _) = LARGE.workspace_m
     places = np.column_stack([rng.uniform(x0, x1, 4000), rng.uniform(y0, y1, 4000), np.full(4000, floor)])
@@ -251,7 +249,7 @@ def test_a_workspace_larger_than_the_pictures_is_told() -> None:
             seen = transform_points(inverse(v.T_base_camera), places)
             pixels = (seen @ optics.K.T)[:, :2] / seen[:, 2:]
             pictures += np.all((pixels >= 0) & (pixels <= (optics.width - 1, optics.height - 1)), axis=1)
-    # Three sigma of 4000 draws.
+    # Three standard deviations of 4000 samples.
     assert plan.coverage.covered_share == pytest.approx((pictures >= 2).mean(), abs=0.024)
     assert 0.5 < plan.coverage.covered_share < 0.95
     assert plan.unseen is not None
@@ -260,7 +258,7 @@ def test_a_workspace_larger_than_the_pictures_is_told() -> None:
 
 
 def planning_s(settings: CellSettings, start: np.ndarray | None, times: int) -> float:
-    """The processor's time, of the best of some: other programs may hold the machine up."""
+    """Return the least processor time of several plans, seconds, because the machine may be busy."""
     spent = []
     for _ in range(times):
         began = time.process_time()
@@ -269,9 +267,9 @@ def planning_s(settings: CellSettings, start: np.ndarray | None, times: int) -> 
     return min(spent)
 
 
-def test_that_nothing_can_be_reached_is_soon_told() -> None:
+def test_an_unreachable_workspace_is_reported_quickly() -> None:
     settings = DEFAULT.model_copy(update={"workspace": WorkspaceSettings(top_m=0.9)})
-    # Without an end of the search it takes ten times as long as it does, 1.1 s.
+    # It takes 1.1 s. Without the early end of the search it would take ten times as long.
     assert planning_s(settings, None, times=2) < 2.0
     plan = plan_of(settings)
     assert plan.reachable == 0
@@ -285,7 +283,7 @@ def test_eight_viewpoints_are_planned_within_a_second() -> None:
 
 
 @pytest.mark.parametrize("views", [2, 12, 16])
-def test_other_numbers_of_viewpoints(views: int) -> None:
+def test_the_number_of_viewpoints_can_be_set(views: int) -> None:
     settings = DEFAULT.model_copy(update={"scan": ScanSettings(views=views, min_views=2)})
     plan = plan_of(settings)
     assert plan.reachable == len(plan.viewpoints) == views
@@ -293,13 +291,13 @@ def test_other_numbers_of_viewpoints(views: int) -> None:
 
 
 @pytest.mark.parametrize("settings", [DEFAULT, FAR, LARGE])
-def test_the_picture_shows_every_viewpoint(settings: CellSettings) -> None:
+def test_the_drawing_shows_every_viewpoint(settings: CellSettings) -> None:
     plan = plan_of(settings)
     picture = matplotlib.image.imread(io.BytesIO(draw_plan(plan, settings)))
     assert picture.shape[1] > 1000
     red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
     skipped = ((red - green > 0.4) & (red - blue > 0.4) & (green < 0.4)).sum()
     assert (skipped > 100) == (plan.reachable < 8)
-    # The shade of what is not in view is a light red, and in no other place.
+    # Uncovered parts are light red, and no other part is.
     shade = ((red - green > 0.05) & (red - green < 0.3) & (np.abs(green - blue) < 0.08) & (red > 0.85)).sum()
     assert (shade > 5000) == (plan.unseen is not None)

@@ -1,4 +1,4 @@
-"""Drivers for tests of `cell.process.child`; a module of its own, so that the child needs to import no more."""
+"""Drivers for tests of `cell.process.child`, in a separate module so that the child imports only these."""
 
 import os
 import time
@@ -9,7 +9,7 @@ from cell.errors import CellError, MotionError
 
 
 class Driver:
-    """Does what vendor libraries do, good and bad."""
+    """Driver with the normal and faulty behaviour of vendor libraries."""
 
     IDLE_S = 0.02
 
@@ -55,7 +55,7 @@ class BrokenWhenIdle(Driver):
 
 
 class Counted(Driver):
-    """Writes down each attempt to open its device, which may fail."""
+    """Driver that records each attempt to open its device, which may fail."""
 
     def __init__(self, attempts: Path, opens: bool) -> None:
         with attempts.open("a") as log:
@@ -66,7 +66,7 @@ class Counted(Driver):
 
 
 class SlowToAllow(UrDriver):
-    """Has the controller's answer, and takes its time to hand it on."""
+    """Driver that returns the answer of the controller with a delay."""
 
     def allows(self, q_rad: tuple[float, ...]) -> bool:
         allowed = super().allows(q_rad)

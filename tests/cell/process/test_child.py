@@ -1,4 +1,4 @@
-"""A driver in a process of its own: calls, faults, hangs, and what is left behind."""
+"""A driver in a child process: calls, faults, hangs, and the end of the process."""
 
 import os
 import signal
@@ -28,19 +28,19 @@ def test_calls_return_what_the_driver_returns(child: Child):
     assert child.alive
 
 
-def test_the_drivers_own_errors_come_back_as_they_are(child: Child):
+def test_errors_of_the_driver_are_raised_unchanged(child: Child):
     with pytest.raises(MotionError, match="the robot refuses"):
         child.call("refuse", timeout_s=10.0)
     assert child.call("add", 1, 2, timeout_s=10.0) == 103
 
 
-def test_an_unexpected_error_is_told_and_ends_nothing(child: Child):
+def test_an_unexpected_error_is_reported_and_the_child_continues(child: Child):
     with pytest.raises(CellError, match="fail raised an unexpected KeyError"):
         child.call("fail", timeout_s=10.0)
     assert child.call("add", 0, 0, timeout_s=10.0) == 100
 
 
-def test_a_driver_that_cannot_be_made_tells_why():
+def test_a_driver_that_cannot_be_created_reports_why():
     child = Child("test", refusing)
     try:
         with pytest.raises(CellError, match="no device here"):
@@ -49,8 +49,8 @@ def test_a_driver_that_cannot_be_made_tells_why():
         child.close()
 
 
-def test_a_driver_is_not_made_only_to_be_closed(tmp_path: Path):
-    """That would open the device once more: one that was never used, or that has just refused."""
+def test_closing_does_not_create_a_driver(tmp_path: Path):
+    """A new driver would open the device again, which was never used or has just failed."""
     attempts = tmp_path / "attempts"
     Child("test", Counted, attempts, True).close()
     assert not attempts.exists()
@@ -61,7 +61,7 @@ def test_a_driver_is_not_made_only_to_be_closed(tmp_path: Path):
     assert attempts.read_text() == "opened\n"
 
 
-def test_a_child_that_hangs_is_killed(child: Child):
+def test_a_hanging_child_is_killed(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     with pytest.raises(ChildLostError, match=r"did not answer 'sleep' within 0\.1 s"):
         child.call("sleep", 60.0, timeout_s=0.1)
@@ -70,7 +70,7 @@ def test_a_child_that_hangs_is_killed(child: Child):
         child.call("add", 1, 2, timeout_s=10.0)
 
 
-def test_a_child_that_hangs_in_the_middle_of_its_answer_is_killed(monkeypatch: pytest.MonkeyPatch):
+def test_a_child_that_hangs_during_its_answer_is_killed(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("cell.process.child.HALF_S", 1)
     child = Child("test", Driver)
     assert len(child.call("picture", timeout_s=10.0)) == 5_000_000
@@ -101,7 +101,7 @@ def interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_the_answer_to_an_interrupted_call_is_not_taken_for_the_next_ones(child: Child):
+def test_the_answer_to_an_interrupted_call_is_discarded(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     before = signal.signal(signal.SIGUSR1, interrupt)
     try:
@@ -114,20 +114,20 @@ def test_the_answer_to_an_interrupted_call_is_not_taken_for_the_next_ones(child:
         child.call("add", 1, 2, timeout_s=10.0)
 
 
-def test_a_crash_is_noticed_and_named(child: Child):
+def test_a_crash_is_detected_and_named(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     with pytest.raises(ChildLostError, match=rf"exit code -{signal.SIGABRT.value}"):
         child.call("crash", timeout_s=10.0)
 
 
-def test_killing_it_from_another_thread_ends_a_call_under_way(child: Child):
+def test_killing_the_child_from_another_thread_ends_a_call(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     threading.Timer(0.1, child.kill).start()
     with pytest.raises(ChildLostError, match="has ended"):
         child.call("sleep", 60.0, timeout_s=30.0)
 
 
-def test_calls_take_turns_and_one_need_not_wait_for_its_own(child: Child):
+def test_calls_are_sequential_and_a_call_may_refuse_to_wait(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     answers: list[str] = []
     busy = threading.Thread(target=lambda: answers.append(child.call("sleep", 0.4, timeout_s=10.0)))
@@ -141,7 +141,7 @@ def test_calls_take_turns_and_one_need_not_wait_for_its_own(child: Child):
     assert answers == ["slept"]
 
 
-def test_what_is_no_longer_wanted_when_its_turn_comes_is_not_sent(child: Child):
+def test_a_call_that_became_obsolete_while_waiting_is_not_sent(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     unwanted = threading.Event()
     assert child.call("add", 1, 2, timeout_s=10.0, unless=unwanted) == 103
@@ -156,17 +156,17 @@ def test_what_is_no_longer_wanted_when_its_turn_comes_is_not_sent(child: Child):
     assert child.call("add", 0, 0, timeout_s=10.0) == 100
 
 
-def test_between_calls_the_driver_may_be_idle(child: Child):
+def test_the_driver_is_idle_between_calls(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     time.sleep(0.3)
     quiet = child.call("quiet_times", timeout_s=10.0)
-    # Every 0.02 s in theory; a busy machine may leave some out.
+    # Every 0.02 s in theory. A busy machine may omit some.
     assert len(quiet) >= 3
     assert quiet == sorted(quiet)
     assert quiet[0] >= Driver.IDLE_S
 
 
-def test_a_driver_that_fails_when_idle_ends_its_process():
+def test_an_error_while_idle_ends_the_process():
     child = Child("test", BrokenWhenIdle)
     try:
         child.call("add", 0, 0, timeout_s=10.0)
@@ -179,15 +179,15 @@ def test_a_driver_that_fails_when_idle_ends_its_process():
         child.close()
 
 
-def test_termination_and_ctrl_c_are_the_parents_business(child: Child):
+def test_sigterm_and_ctrl_c_do_not_end_the_child(child: Child):
     child.call("add", 0, 0, timeout_s=10.0)
     for number in (signal.SIGTERM, signal.SIGINT):
         os.kill(child.pid, number)
     assert child.call("add", 1, 2, timeout_s=10.0) == 103
 
 
-def test_what_a_library_prints_does_not_mix_with_our_output(capfd: pytest.CaptureFixture[str]):
-    child = Child("test", Driver)  # begun while the output is captured
+def test_output_of_a_library_does_not_go_to_stdout(capfd: pytest.CaptureFixture[str]):
+    child = Child("test", Driver)  # started while the output is captured
     child.call("chatter", timeout_s=10.0)
     child.close()
     captured = capfd.readouterr()
@@ -195,7 +195,7 @@ def test_what_a_library_prints_does_not_mix_with_our_output(capfd: pytest.Captur
     assert "vendor chatter" in captured.err
 
 
-def test_many_children_leave_nothing_behind():
+def test_many_children_leak_nothing():
     def open_files() -> int:
         return len(list(Path("/proc/self/fd").iterdir()))
 
@@ -226,7 +226,7 @@ print(child.pid, flush=True)
 
 @pytest.mark.parametrize("then", ["time.sleep(60)", "pass", "child.call('sleep', 60.0, timeout_s=60.0)"])
 def test_the_child_ends_with_its_parent(tmp_path: Path, then: str):
-    """Killed, ended without closing it, killed while the driver is at work."""
+    """The parent is killed, ends without closing the child, or is killed during a call."""
     root = str(Path(__file__).parents[3])
     script = tmp_path / "parent.py"
     script.write_text(PARENT.format(root=root, then=then))

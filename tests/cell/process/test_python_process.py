@@ -23,13 +23,13 @@ def wait_for_end(pid: int) -> None:
         time.sleep(0.02)
 
 
-def test_it_imports_what_the_parent_imports_and_nothing_from_its_folder(tmp_path: Path) -> None:
+def test_the_child_imports_like_the_parent_and_not_from_its_folder(tmp_path: Path) -> None:
     (tmp_path / "cell.py").write_text("raise SystemExit(3)")
     process = start_python("-c", "import cell.process", cwd=tmp_path)
     assert end_process(process, TIMEOUT_S) == 0
 
 
-def test_it_has_only_the_given_environment_and_its_own_session(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_child_has_the_given_environment_and_a_new_session(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("POINTCHAIN_SECRET", "1")
     program = "import os; print('POINTCHAIN_SECRET' in os.environ, os.environ['GIVEN'], os.getsid(0) == os.getpid())"
     process = start_python("-c", program, environment={"GIVEN": "2"}, stdout=subprocess.PIPE)
@@ -40,7 +40,7 @@ def test_it_has_only_the_given_environment_and_its_own_session(monkeypatch: pyte
 
 
 @pytest.mark.parametrize(("handler", "code"), [("SIG_DFL", -signal.SIGTERM), ("SIG_IGN", -signal.SIGKILL)])
-def test_it_is_killed_if_it_does_not_end_after_sigterm(handler: str, code: int) -> None:
+def test_a_child_that_ignores_sigterm_is_killed(handler: str, code: int) -> None:
     program = f"import signal, time; signal.signal(signal.SIGTERM, signal.{handler}); print(flush=True); time.sleep(60)"
     process = start_python("-c", program, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
@@ -69,7 +69,7 @@ time.sleep(60)
 
 
 @pytest.mark.parametrize("forks", [False, True])
-def test_it_exits_with_its_parent_even_if_a_fork_holds_the_pipe(forks: bool) -> None:
+def test_the_child_exits_with_its_parent_even_if_a_fork_holds_the_pipe(forks: bool) -> None:
     script = PARENT.format(root=ROOT, forks=forks)
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None

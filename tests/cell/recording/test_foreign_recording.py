@@ -1,4 +1,4 @@
-"""Recordings of other writers: forms that are read, and what is refused with which words."""
+"""Recordings of other writers: forms that are read, and errors of invalid recordings."""
 
 import io
 import json
@@ -63,7 +63,7 @@ def view_messages(index: int) -> Messages:
 
 @dataclass
 class Foreign:
-    """What another writer puts into a file; tests change one thing of it."""
+    """Content of a file of another writer. Tests change one part of it."""
 
     metadata: dict[str, str] = field(
         default_factory=lambda: {"format": "1", "depth_unit_m": "0.001", "string_radius_m": "0.003"}
@@ -75,7 +75,7 @@ class Foreign:
     attachments: int = 1
     header_last: bool = False
     times: dict[int, int] = field(default_factory=dict)
-    """Log time by the message's place."""
+    """Log time by the index of the message."""
     writer: dict[str, Any] = field(default_factory=dict)
 
     def find(self, index: int, topic: str) -> Any:
@@ -119,7 +119,7 @@ def assert_three_views(path: Path) -> None:
         np.testing.assert_allclose(view.T_base_flange[:3, 3], (0.1 * view.index, 0, 0.4), rtol=0, atol=1e-15)
         np.testing.assert_allclose(view.T_base_flange[:3, :3], np.diag((1, -1, -1)), rtol=0, atol=1e-15)
         np.testing.assert_array_equal(view.K, [[60, 0, 31.5], [0, 61, 19.5], [0, 0, 1]])
-        assert view.stamp_s == 1e9  # 1 ns after it is below a double's resolution
+        assert view.stamp_s == 1e9  # a later nanosecond is below the resolution of a double
 
 
 @pytest.mark.parametrize(
@@ -147,15 +147,15 @@ def test_every_form_of_mcap_is_read(tmp_path: Path, form: dict[str, Any]) -> Non
     assert_three_views(tmp_path / "f.mcap")
 
 
-def test_messages_outside_of_chunks_count_to_the_limit(tmp_path: Path) -> None:
+def test_messages_outside_chunks_count_toward_the_limit(tmp_path: Path) -> None:
     (tmp_path / "f.mcap").write_bytes(Foreign(writer={"use_chunking": False}).bytes())
     with pytest.raises(RecordingTooLargeError, match="holds more than 10240 bytes"):
         read_recording(tmp_path / "f.mcap", Limits(content_bytes=2 * depth_of(0).nbytes))
 
 
-def test_order_and_company_do_not_matter(tmp_path: Path) -> None:
+def test_order_and_other_topics_do_not_matter(tmp_path: Path) -> None:
     foreign = Foreign(header_last=True)
-    camera = FrameTransform(parent_frame_id="flange", child_frame_id="camera")  # no rotation: not even valid
+    camera = FrameTransform(parent_frame_id="flange", child_frame_id="camera")  # without a rotation, which is invalid
     foreign.messages = [(900, "/tf", camera), *reversed(foreign.messages), (1, "/elsewhere", depth(9))]
     (tmp_path / "f.mcap").write_bytes(foreign.bytes())
     assert_three_views(tmp_path / "f.mcap")
@@ -173,7 +173,7 @@ def test_padded_rows_and_mono16_are_read(tmp_path: Path) -> None:
     assert_three_views(tmp_path / "f.mcap")
 
 
-def test_colour_is_taken_as_jpeg_only(tmp_path: Path) -> None:
+def test_colour_images_must_be_jpeg(tmp_path: Path) -> None:
     foreign = Foreign()
     foreign.messages += [
         (0, "/camera/color", CompressedImage(format="jpeg", data=b"\xff\xd8")),
@@ -185,7 +185,7 @@ def test_colour_is_taken_as_jpeg_only(tmp_path: Path) -> None:
     assert recording.missing == ("view 1 has its colour image as 'png'; only jpeg is supported",)
 
 
-def test_incomplete_views_are_left_out_and_told(tmp_path: Path) -> None:
+def test_incomplete_views_are_excluded_and_reported(tmp_path: Path) -> None:
     foreign = Foreign()
     foreign.messages = [m for k in (0, 1, 2, 4) for m in view_messages(k)]
     dropped = [(0, "/tf"), (1, "/camera/depth"), (1, "/camera/calibration")]
@@ -201,7 +201,7 @@ def test_incomplete_views_are_left_out_and_told(tmp_path: Path) -> None:
 
 
 def refused(foreign: Foreign, folder: Path) -> RecordingError:
-    """The error that reading gives."""
+    """Return the error of reading."""
     (folder / "f.mcap").write_bytes(foreign.bytes())
     with pytest.raises(RecordingError) as caught:
         read_recording(folder / "f.mcap")
@@ -249,7 +249,7 @@ K = [60, 0, 31.5, 0, 61, 19.5, 0, 0, 1]
         ("/camera/depth", {"width": 0, "step": 0, "data": b""}, r"the depth image is empty \(0x40\)"),
     ],
 )
-def test_a_wrong_view_is_named(tmp_path: Path, topic: str, fields: dict[str, Any], message: str) -> None:
+def test_an_invalid_view_is_named(tmp_path: Path, topic: str, fields: dict[str, Any], message: str) -> None:
     foreign = Foreign()
     wrong = foreign.find(1, topic)
     for name, value in fields.items():
@@ -258,7 +258,7 @@ def test_a_wrong_view_is_named(tmp_path: Path, topic: str, fields: dict[str, Any
     assert_error(refused(foreign, tmp_path), RecordingContentError, f"^view 1: .*{message}")
 
 
-def test_messages_that_announce_too_much_are_refused(tmp_path: Path) -> None:
+def test_messages_that_announce_too_many_bytes_are_refused(tmp_path: Path) -> None:
     foreign = Foreign()
     foreign.find(1, "/camera/depth").width = 2**31
     error = refused(foreign, tmp_path)
@@ -278,7 +278,7 @@ def test_messages_that_announce_too_much_are_refused(tmp_path: Path) -> None:
         ("", "it has no message of any view"),
     ],
 )
-def test_no_complete_view_tells_why(tmp_path: Path, topic: str, message: str) -> None:
+def test_a_recording_without_complete_views_reports_why(tmp_path: Path, topic: str, message: str) -> None:
     foreign = Foreign()
     foreign.messages = [m for m in foreign.messages if topic and m[1] != topic]
     assert_error(refused(foreign, tmp_path), RecordingEmptyError, f"f.mcap has no complete view: {message}$")
@@ -299,7 +299,7 @@ def test_other_encodings_are_named(tmp_path: Path, encoding: str) -> None:
         ([(2**32 - 1, "/tf", pose(0))], RecordingTooLargeError, "^view 4294967295"),
     ],
 )
-def test_views_beyond_what_a_scan_has_are_refused(
+def test_too_many_views_are_refused(
     tmp_path: Path, messages: Messages, kind: type[RecordingError], message: str
 ) -> None:
     foreign = Foreign()
@@ -307,7 +307,7 @@ def test_views_beyond_what_a_scan_has_are_refused(
     assert_error(refused(foreign, tmp_path), kind, message)
 
 
-def test_parts_of_different_moments_or_types_are_refused(tmp_path: Path) -> None:
+def test_parts_with_different_times_or_types_are_refused(tmp_path: Path) -> None:
     error = refused(Foreign(times={5: 10**18 + 50}), tmp_path)
     assert_error(error, RecordingContentError, "^view 1: its messages have different times.*/camera/depth")
     error = refused(Foreign(messages=[(0, "/camera/depth", pose(0))]), tmp_path)
@@ -323,12 +323,12 @@ def test_parts_of_different_moments_or_types_are_refused(tmp_path: Path) -> None
         (Foreign(attachments=2), r"f\.mcap has its attachment hand_eye\.json twice"),
     ],
 )
-def test_the_header_is_there_once(tmp_path: Path, foreign: Foreign, message: str) -> None:
+def test_the_header_must_exist_once(tmp_path: Path, foreign: Foreign, message: str) -> None:
     assert_error(refused(foreign, tmp_path), RecordingHeaderError, message)
 
 
 @pytest.mark.parametrize("stored", [b"[1]", b'{"a": NaN}', b"{", b"[" * 100_000])
-def test_a_result_that_is_no_json_object_is_refused(tmp_path: Path, stored: bytes) -> None:
+def test_a_result_that_is_not_a_json_object_is_refused(tmp_path: Path, stored: bytes) -> None:
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start()

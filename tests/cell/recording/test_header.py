@@ -1,4 +1,4 @@
-"""What a recording says of itself, and what of it is refused."""
+"""The header of a recording: its fields, and the values that are refused."""
 
 import json
 from dataclasses import replace
@@ -25,7 +25,7 @@ NAN = float("nan")
 MILLIMETRES = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 150], [0, 0, 0, 1]]
 
 
-def test_every_field_survives_exactly() -> None:
+def test_every_field_is_read_exactly() -> None:
     got = parse_header(to_metadata(HEADER), to_hand_eye(HEADER))
     np.testing.assert_array_equal(got.T_flange_camera, HEADER.T_flange_camera)
     assert (got.depth_unit_m, got.string_radius_m, got.table_z_m) == (1e-4, 0.0042, -0.01)
@@ -33,14 +33,14 @@ def test_every_field_survives_exactly() -> None:
     assert got.provenance == {"camera": "made", "seed": "3"}
 
 
-def test_what_is_not_known_is_left_out() -> None:
+def test_unknown_fields_are_omitted() -> None:
     header = RecordingHeader(depth_unit_m=1e-3, string_radius_m=None, T_flange_camera=np.eye(4))
     assert to_metadata(header) == {"format": "1", "depth_unit_m": "0.001", "table_z_m": "0.0"}
     got = parse_header(METADATA, HAND_EYE)
     assert (got.string_radius_m, got.workspace_m, got.table_z_m, got.provenance) == (None, None, 0.0, {})
 
 
-def test_numbers_of_numpy_are_stored_as_plain_ones() -> None:
+def test_numpy_numbers_are_stored_as_plain_numbers() -> None:
     header = replace(HEADER, string_radius_m=np.float64(0.003), table_z_m=np.float64(0.5))
     assert to_metadata(header)["string_radius_m"] == "0.003"
     assert to_metadata(header)["table_z_m"] == "0.5"
@@ -62,7 +62,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones() -> None:
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_a_senseless_header_is_not_made(change: dict[str, Any], message: str) -> None:
+def test_an_invalid_header_is_not_created(change: dict[str, Any], message: str) -> None:
     with pytest.raises(RecordingHeaderError, match=message):
         replace(HEADER, **change)
 
@@ -87,7 +87,7 @@ def test_a_senseless_header_is_not_made(change: dict[str, Any], message: str) ->
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_senseless_metadata_are_refused(fields: dict[str, str | None], message: str) -> None:
+def test_invalid_metadata_are_refused(fields: dict[str, str | None], message: str) -> None:
     metadata = {key: value for key, value in {**METADATA, **fields}.items() if value is not None}
     with pytest.raises(RecordingHeaderError, match=message):
         parse_header(metadata, HAND_EYE)
@@ -112,7 +112,7 @@ def test_senseless_metadata_are_refused(fields: dict[str, str | None], message: 
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_a_senseless_hand_eye_is_refused(content: Any, message: str) -> None:
+def test_an_invalid_hand_eye_is_refused(content: Any, message: str) -> None:
     hand_eye = content if isinstance(content, bytes) else json.dumps({"T_flange_camera": content}).encode()
     with pytest.raises(RecordingHeaderError, match=message):
         parse_header(METADATA, hand_eye)

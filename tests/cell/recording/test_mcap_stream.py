@@ -1,4 +1,4 @@
-"""Files that are no recordings, are damaged or announce more than they hold."""
+"""Files that are not recordings, are damaged, or announce more bytes than they have."""
 
 import json
 import os
@@ -36,7 +36,7 @@ IMAGE_BYTES = 2 * WIDTH * HEIGHT
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A finished recording of three views with incompressible images."""
+    """Return a finished recording of three views with incompressible images."""
     path = tmp_path_factory.mktemp("written") / "scan.mcap"
     K = np.array([[60, 0, 31.5], [0, 61, 19.5], [0, 0, 1]])
     with RecordingWriter(path, RecordingHeader(0.001, 0.003, np.eye(4))) as writer:
@@ -56,7 +56,7 @@ def chunk(compression: str, data: bytes, size: int) -> bytes:
     return builder.end()
 
 
-def test_what_is_no_mcap_file_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_mcap_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "f.mcap"
     with pytest.raises(RecordingUnreadableError, match=r"f\.mcap cannot be read: No such file"):
         read_recording(path)
@@ -90,7 +90,7 @@ def test_damage_before_the_end_is_refused(written: bytes, tmp_path: Path) -> Non
     path.write_bytes(written.replace(b"[[1.0, 0.0", b"[[2.0, 0.0"))
     with pytest.raises(RecordingCorruptError, match=r"the attachment at byte \d+ fails its checksum"):
         read_recording(path)
-    # A value that announces more than its record holds: mcap alone would take the part that is there.
+    # A value announces more bytes than its record has. mcap alone would return the existing part.
     path.write_bytes(written.replace(b"table_z_m\3\0\0\0", b"table_z_m\4\0\0\0"))
     with pytest.raises(RecordingCorruptError, match=r"the record at byte \d+ is damaged: it is too short"):
         read_recording(path)
@@ -119,7 +119,7 @@ def test_damage_before_the_end_is_refused(written: bytes, tmp_path: Path) -> Non
         (Limits(attachment_bytes=50), r"hand_eye\.json has \d+ bytes; 50 at most"),
     ],
 )
-def test_limits_hold(written: bytes, tmp_path: Path, limits: Limits, message: str) -> None:
+def test_limits_are_enforced(written: bytes, tmp_path: Path, limits: Limits, message: str) -> None:
     path = tmp_path / "f.mcap"
     path.write_bytes(written)
     assert len(read_recording(path).views) == 3
@@ -128,7 +128,7 @@ def test_limits_hold(written: bytes, tmp_path: Path, limits: Limits, message: st
 
 
 def zstd_bomb(content_size: int | None) -> bytes:
-    """A zstd frame (RFC 8878): 8192 run-length blocks that grow to 1 GiB, or a byte and a size announced."""
+    """Return a zstd frame (RFC 8878) of run-length blocks that expand to 1 GiB, or a byte with an announced size."""
     if content_size is not None:
         return b"\x28\xb5\x2f\xfd\xe0" + struct.pack("<Q", content_size) + b"\1\0\0"
     run, last = ((1 << 17) << 3 | 1 << 1), 1
@@ -137,7 +137,7 @@ def zstd_bomb(content_size: int | None) -> bytes:
 
 
 def lz4_bomb() -> bytes:
-    """An LZ4 frame that grows to 512 MiB."""
+    """Return an LZ4 frame that expands to 512 MiB."""
     compressor = lz4.frame.LZ4FrameCompressor()
     zeros = bytes(16 << 20)
     return b"".join([compressor.begin(), *(compressor.compress(zeros) for _ in range(32)), compressor.flush()])
@@ -161,7 +161,7 @@ print(json.dumps(read))
 """
 
 
-def test_announced_sizes_and_bombs_take_little_memory(written: bytes, tmp_path: Path) -> None:
+def test_announced_sizes_and_bombs_use_little_memory(written: bytes, tmp_path: Path) -> None:
     many = zstandard.compress(record(0x7F, b"") * (3 << 20))
     files = {
         "record": record(0x80, b"", 2**62),
@@ -180,7 +180,7 @@ def test_announced_sizes_and_bombs_take_little_memory(written: bytes, tmp_path: 
     paths = []
     for name, content in files.items():
         paths.append(tmp_path / f"{name}.mcap")
-        # The end behind it, so that what is damaged is not the file's last record.
+        # The end of the file follows, so that the damaged record is not the last one.
         paths[-1].write_bytes(MCAP0_MAGIC + content + written[8:])
     command = [sys.executable, "-c", MEASURE, *map(str, paths)]
     out = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
@@ -188,12 +188,12 @@ def test_announced_sizes_and_bombs_take_little_memory(written: bytes, tmp_path: 
     corrupt = {"attachment", "metadata", "metadata string", "chunk data", "zstd", "zstd announced", "lz4"}
     for name, (slug, message, growth_kib) in read.items():
         assert slug == ("recording-corrupt" if name in corrupt else "recording-too-large"), (name, message)
-        # The most that any of them may hold at once is one chunk of 32 MiB, its copy and its compressed form.
+        # Each may hold at most one chunk of 32 MiB, its copy and its compressed form.
         assert growth_kib < 100 << 10, (name, growth_kib)
     assert set(read) == set(files)
 
 
-def test_the_bombs_are_what_they_claim() -> None:
+def test_the_bombs_expand_to_their_size() -> None:
     stream = zstandard.ZstdDecompressor().stream_reader(zstd_bomb(None))
     grown = 0
     while block := stream.read(16 << 20):

@@ -1,4 +1,4 @@
-"""Recordings that this project writes: what was written is what is read, here and by others."""
+"""Recordings that this project writes are read back unchanged, here and by other readers."""
 
 import hashlib
 import json
@@ -67,7 +67,7 @@ MODEL = {
 
 
 def make_view(index: int) -> View:
-    """A view whose every part depends on its index."""
+    """Return a view whose parts all depend on its index."""
     rng = np.random.default_rng(index)
     return View(
         index=index,
@@ -76,7 +76,7 @@ def make_view(index: int) -> View:
         K=np.array([[60.0 + index, 0.0, 31.5], [0.0, 61.0, 19.5], [0.0, 0.0, 1.0]]),
         T_base_flange=from_rotation_vector((0.3, 0.01 * index, 0.4), (0.1 * index, 3.0, 0.1)),
         T_flange_camera=T_FLANGE_CAMERA,
-        stamp_s=1781327023.9200273 + 0.1 * index,  # times 1e9, rounded to a double, is another stamp
+        stamp_s=1781327023.9200273 + 0.1 * index,  # multiplied by 1e9 and rounded to a double, it is another stamp
         colour_jpeg=b"\xff\xd8 colour" if index % 2 else None,
     )
 
@@ -94,14 +94,14 @@ def assert_same(got: View, wanted: View) -> None:
     np.testing.assert_array_equal(got.depth, wanted.depth)
     np.testing.assert_array_equal(got.K, wanted.K)
     np.testing.assert_array_equal(got.T_flange_camera, wanted.T_flange_camera)
-    # Poses pass through a quaternion: a few roundings of doubles, times metres.
+    # Poses pass through a quaternion, with a few rounding errors of doubles, in metres.
     np.testing.assert_allclose(got.T_base_flange, wanted.T_base_flange, rtol=0, atol=1e-14)
     assert got.depth_unit_m == wanted.depth_unit_m
     assert got.stamp_s == wanted.stamp_s
     assert got.colour_jpeg == wanted.colour_jpeg
 
 
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
     views = [make_view(k) for k in (2, 0, 1)]
     recording = read_recording(write(tmp_path / "scan.mcap", views))
     assert recording.missing == ()
@@ -123,7 +123,7 @@ def test_paths_may_be_strings(tmp_path: Path) -> None:
     assert read_result(path) is None
 
 
-def test_unknown_radius_and_no_workspace_are_left_out(tmp_path: Path) -> None:
+def test_an_unknown_radius_and_workspace_are_omitted(tmp_path: Path) -> None:
     header = RecordingHeader(depth_unit_m=1e-3, string_radius_m=None, T_flange_camera=T_FLANGE_CAMERA)
     path = write(tmp_path / "scan.mcap", [replace(make_view(0), depth_unit_m=1e-3)], header)
     got = read_recording(path).header
@@ -146,7 +146,7 @@ def views(draw: st.DrawFn) -> View:
         K=np.array([[draw(focal), 0, width / 2], [0, draw(focal), height / 3], [0, 0, 1]]),
         T_base_flange=from_rotation_vector(draw(rotations()), draw(rotations())),
         T_flange_camera=T_FLANGE_CAMERA,
-        # Stored in nanoseconds: doubles are coarser than that from 2^23 s (97 days after the epoch) on.
+        # Stamps are stored in nanoseconds. Doubles are coarser than that from 2^23 s (97 days after the epoch) on.
         stamp_s=draw(st.just(0.0) | st.floats(2**23, 2**33, exclude_max=True)),
         colour_jpeg=draw(st.none() | st.binary(min_size=1, max_size=50)),
     )
@@ -154,7 +154,7 @@ def views(draw: st.DrawFn) -> View:
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(views(), min_size=1, max_size=3, unique_by=lambda view: view.index))
-def test_any_views_survive_the_round_trip(made: list[View]) -> None:
+def test_any_views_are_read_as_they_were_written(made: list[View]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scan.mcap"
         with RecordingWriter(path, HEADER) as writer:
@@ -164,7 +164,7 @@ def test_any_views_survive_the_round_trip(made: list[View]) -> None:
     for got in recording.views:
         (wanted,) = (view for view in made if view.index == got.index)
         assert_same(got, wanted)
-        # What the writer says that a reader will get is just that.
+        # The view that the writer returns equals the view that is read.
         (same,) = (view for view in told if view.index == got.index)
         np.testing.assert_array_equal(got.T_base_flange, same.T_base_flange)
 
@@ -199,7 +199,7 @@ def test_a_view_is_synced_to_disk_before_it_is_acknowledged(tmp_path: Path, monk
     assert synced == [(False, path.stat().st_size)]
 
 
-def test_other_readers_open_it(tmp_path: Path) -> None:
+def test_other_readers_open_a_recording(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
         writer.write_view(make_view(0))
         writer.write_view(make_view(1))
@@ -236,14 +236,14 @@ def test_the_last_result_is_read(tmp_path: Path) -> None:
     assert len(read_recording(tmp_path / "scan.mcap").views) == 1
 
 
-def test_each_view_is_found_again_by_its_bytes(tmp_path: Path) -> None:
+def test_the_byte_range_of_each_view_has_its_content(tmp_path: Path) -> None:
     path = tmp_path / "scan.mcap"
     with RecordingWriter(path, HEADER) as writer:
         pieces = []
         for index in (2, 0, 1):
             writer.write_view(make_view(index))
             pieces.append(writer.written(index))
-            # As the file is at this moment: what a crash would leave.
+            # The present state of the file, as after a crash.
             assert path.stat().st_size == pieces[-1].offset_bytes + pieces[-1].size_bytes
         with pytest.raises(RecordingContentError):
             writer.write_view(make_view(0))
@@ -257,7 +257,7 @@ def test_each_view_is_found_again_by_its_bytes(tmp_path: Path) -> None:
         assert hashlib.sha256(content[piece.offset_bytes : end]).hexdigest() == piece.sha256
     for piece, following in pairwise(pieces):
         assert following.offset_bytes == piece.offset_bytes + piece.size_bytes
-    # Cut behind the second, the file has just these two.
+    # The file that is cut after the second view has these two views.
     (tmp_path / "cut.mcap").write_bytes(content[: pieces[2].offset_bytes])
     assert [view.index for view in read_recording(tmp_path / "cut.mcap").views] == [0, 2]
 
@@ -292,7 +292,7 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
         ({"depth": np.ones((2049, 2049), np.uint16)}, RecordingTooLargeError, "view 1: 4198401 pixels"),
     ],
 )
-def test_a_view_that_could_not_be_read_back_is_not_written(
+def test_an_invalid_view_is_not_written(
     tmp_path: Path, change: dict[str, Any], error: type[RecordingError], message: str
 ) -> None:
     with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
@@ -303,7 +303,7 @@ def test_a_view_that_could_not_be_read_back_is_not_written(
     assert [view.index for view in read_recording(tmp_path / "scan.mcap").views] == [0, 2]
 
 
-def test_a_recording_takes_no_more_than_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_accepts_no_more_views_than_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     two_views = 2 * make_view(0).depth.nbytes + MIB + 2000
     monkeypatch.setattr("cell.recording.writer.DEFAULT_LIMITS", Limits(content_bytes=two_views))
     with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
@@ -314,7 +314,7 @@ def test_a_recording_takes_no_more_than_is_read(tmp_path: Path, monkeypatch: pyt
     assert len(read_recording(tmp_path / "scan.mcap", Limits(content_bytes=two_views)).views) == 2
 
 
-def test_a_recording_without_views_says_so(tmp_path: Path) -> None:
+def test_a_recording_without_views_is_reported(tmp_path: Path) -> None:
     with pytest.raises(RecordingEmptyError, match="no complete view: it has no message of any view"):
         read_recording(write(tmp_path / "scan.mcap", []))
 

@@ -1,4 +1,4 @@
-"""Recordings of scans that were killed, cut off or damaged: complete views are kept, none is ever wrong."""
+"""Recordings of killed scans, and truncated or damaged ones: complete views are kept, and no view is wrong."""
 
 import io
 import json
@@ -26,7 +26,7 @@ VIEWS = 5
 
 
 def make_view(index: int) -> View:
-    """A view whose every part depends on its index."""
+    """Return a view whose parts all depend on its index."""
     rng = np.random.default_rng(index)
     return View(
         index=index,
@@ -41,18 +41,18 @@ def make_view(index: int) -> View:
 
 
 def assert_right(got: View) -> None:
-    """What the view's own chunk holds is what was written."""
+    """Check that the parts of a view in its own chunk are as they were written."""
     wanted = make_view(got.index)
     np.testing.assert_array_equal(got.depth, wanted.depth)
     np.testing.assert_array_equal(got.K, wanted.K)
-    # A few roundings of doubles in the quaternion.
+    # The quaternion has a few rounding errors of doubles.
     np.testing.assert_allclose(got.T_base_flange, wanted.T_base_flange, rtol=0, atol=1e-14)
     assert got.stamp_s == wanted.stamp_s
 
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A finished recording."""
+    """Return a finished recording."""
     path = tmp_path_factory.mktemp("written") / "scan.mcap"
     with RecordingWriter(path, HEADER) as writer:
         for index in range(VIEWS):
@@ -61,7 +61,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def chunks(recording: bytes) -> list[ChunkIndex]:
-    """Where each view's chunk lies, as mcap's own reader says."""
+    """Return the position of the chunk of each view, from the reader of mcap."""
     summary = make_reader(io.BytesIO(recording)).get_summary()
     assert summary is not None
     return summary.chunk_indexes
@@ -96,14 +96,14 @@ def test_a_killed_process_keeps_every_view_it_acknowledged(tmp_path: Path) -> No
         child.kill()
     assert child.returncode == -signal.SIGKILL
     recording = read_recording(path)
-    # It may have finished more views between the last line read and the signal.
+    # The process may have finished more views before the signal.
     assert len(recording.views) >= acknowledged
     for view in recording.views:
         np.testing.assert_array_equal(view.depth, make_view(view.index).depth)
     assert f"anything after view {len(recording.views) - 1}, the last complete one, is lost" in recording.missing[-1]
 
 
-def test_a_scan_that_breaks_off_says_so(tmp_path: Path) -> None:
+def test_an_interrupted_scan_is_reported(tmp_path: Path) -> None:
     def break_off() -> None:
         with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
             writer.write_view(make_view(0))
@@ -122,7 +122,7 @@ def test_a_scan_that_breaks_off_says_so(tmp_path: Path) -> None:
 
 @contextmanager
 def room_for(size: int) -> Iterator[None]:
-    """No file can grow beyond `size` bytes: a write gets as far as that and then fails, as on a full disk."""
+    """Limit the size of files to `size` bytes inside the context. A longer write fails like on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -158,7 +158,7 @@ def test_a_full_disk_at_the_end_keeps_all_views(tmp_path: Path) -> None:
     assert "anything after view 0, the last complete one, is lost" in recording.missing[0]
 
 
-def test_a_recording_that_cannot_be_begun_leaves_no_file(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_started_leaves_no_file(tmp_path: Path) -> None:
     with room_for(100), pytest.raises(OSError, match="File too large"):
         RecordingWriter(tmp_path / "scan.mcap", HEADER)
     assert list(tmp_path.iterdir()) == []
@@ -184,7 +184,7 @@ def test_a_file_cut_anywhere_keeps_its_complete_views(written: bytes, tmp_path: 
             assert f"anything after view {complete - 1}, the last complete one, is lost" in recording.missing[0]
 
 
-def test_a_torn_or_zero_filled_end_keeps_the_views_before(written: bytes, tmp_path: Path) -> None:
+def test_a_truncated_or_zero_filled_end_keeps_the_earlier_views(written: bytes, tmp_path: Path) -> None:
     path = tmp_path / "torn.mcap"
     last = chunks(written)[-1]
     end = last.chunk_start_offset + last.chunk_length
@@ -206,7 +206,7 @@ def test_flipped_bytes_never_give_wrong_views(written: bytes, tmp_path: Path, fi
     refused = 0
     for trial in range(200):
         flipped = np.frombuffer(data, dtype=np.uint8).copy()
-        # Every other trial in the first kibibytes, where the header, schemas and channels are.
+        # Every second trial changes the first kibibytes, which have the header, schemas and channels.
         reach = len(flipped) if trial % 2 else 2000
         places = rng.integers(0, reach, 1 + trial % 4)
         flipped[places] ^= rng.integers(1, 256, len(places), dtype=np.uint8)
@@ -218,7 +218,7 @@ def test_flipped_bytes_never_give_wrong_views(written: bytes, tmp_path: Path, fi
             continue
         for view in recording.views:
             assert_right(view)
-        # Only chunks carry a checksum in an unfinished file: its header may change unnoticed.
+        # In an unfinished file only chunks have a checksum, so a change of its header is not detected.
         if finished and not recording.missing:
             assert len(recording.views) == VIEWS
             assert recording.header.provenance == HEADER.provenance

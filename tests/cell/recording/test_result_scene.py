@@ -33,7 +33,7 @@ def scene(**model: Any) -> Any:
     return scene_of_model({"frame": "base", "chains": [], "crossings": [], **model}, Timestamp(seconds=5))
 
 
-def test_an_open_chain_is_a_tube_of_its_thickness_coloured_along() -> None:
+def test_an_open_chain_is_a_tube_coloured_along_its_length() -> None:
     (entity,) = scene(chains=[OPEN]).entities
     (line,) = entity.lines
     assert (entity.id, entity.frame_id, entity.timestamp.seconds) == ("chain 0", "base", 5)

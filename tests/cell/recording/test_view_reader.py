@@ -1,4 +1,4 @@
-"""Single views of recordings: of whole ones, and of one that is still being written."""
+"""Reading single views of finished recordings and of a recording that is still being written."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +26,7 @@ HEADER = RecordingHeader(1e-4, 0.0042, T_FLANGE_CAMERA, table_z_m=-0.01)
 
 
 def make_view(index: int) -> View:
-    """A view whose every part depends on its index."""
+    """Return a view whose parts all depend on its index."""
     return View(
         index=index,
         depth=np.random.default_rng(index).integers(0, 1 << 16, (40, 64), dtype=np.uint16),
@@ -41,7 +41,7 @@ def make_view(index: int) -> View:
 
 @pytest.fixture
 def written(tmp_path: Path) -> Path:
-    """Views 2, 0, 1, in this order."""
+    """Return a recording with the views 2, 0, 1, in this order."""
     path = tmp_path / "scan.mcap"
     with RecordingWriter(path, HEADER) as writer:
         for index in (2, 0, 1):
@@ -49,7 +49,7 @@ def written(tmp_path: Path) -> Path:
     return path
 
 
-def test_each_view_is_as_in_the_recording_as_a_whole(written: Path) -> None:
+def test_a_single_view_equals_that_of_the_whole_recording(written: Path) -> None:
     views, poses = read_recording(written).views, read_poses(written)
     assert [pose.index for pose in poses] == [0, 1, 2]
     for view, pose in zip(views, poses, strict=True):
@@ -65,12 +65,12 @@ def test_each_view_is_as_in_the_recording_as_a_whole(written: Path) -> None:
         assert (pose.width, pose.height) == (64, 40)
 
 
-def test_there_is_no_other_view(written: Path) -> None:
+def test_an_unknown_view_is_none(written: Path) -> None:
     assert read_view(written, 3) is None
     assert read_view(written, 999) is None
 
 
-def test_of_one_that_is_being_written_there_is_what_is_whole(tmp_path: Path) -> None:
+def test_an_unfinished_recording_has_its_complete_views(tmp_path: Path) -> None:
     path = tmp_path / "scan.mcap"
     with RecordingWriter(path, HEADER) as writer:
         assert (read_poses(path), read_view(path, 0)) == ([], None)
@@ -81,7 +81,7 @@ def test_of_one_that_is_being_written_there_is_what_is_whole(tmp_path: Path) -> 
         before = path.stat().st_size
         writer.write_view(make_view(2))
         whole = path.read_bytes()
-    # As a reader may find it while view 2 is written, whose image alone has 5120 bytes that cannot be compressed.
+    # The state while view 2 is written, whose image has 5120 bytes that cannot be compressed.
     for cut in range(before, before + 5120, 197):
         path.write_bytes(whole[:cut])
         assert [pose.index for pose in read_poses(path)] == [1, 4]
@@ -89,17 +89,17 @@ def test_of_one_that_is_being_written_there_is_what_is_whole(tmp_path: Path) -> 
         assert read_view(path, 2) is None
 
 
-def test_of_one_cut_anywhere_there_are_the_views_before(written: Path) -> None:
+def test_a_recording_cut_anywhere_has_the_earlier_views(written: Path) -> None:
     content = written.read_bytes()
     places = np.random.default_rng(1).integers(0, len(content), 40).tolist()
     counts = set()
     for cut in [*places, len(content) - 1]:
-        if cut < len(MCAP0_MAGIC):  # not even what tells that it is a recording
+        if cut < len(MCAP0_MAGIC):  # not even the magic bytes
             continue
         written.write_bytes(content[:cut])
         try:
             whole = [view.index for view in read_recording(written).views]
-        except RecordingError:  # not one whole view
+        except RecordingError:  # no complete view
             whole = []
         counts.add(len(whole))
         assert [pose.index for pose in read_poses(written)] == sorted(whole)
@@ -108,10 +108,10 @@ def test_of_one_cut_anywhere_there_are_the_views_before(written: Path) -> None:
 
 
 @pytest.mark.parametrize("index", [0, 1, 2])
-def test_another_writer_may_put_first_what_we_put_last(tmp_path: Path, index: int) -> None:
-    """What is read of a recording as a whole is read of its views, too."""
+def test_other_writers_may_use_another_order(tmp_path: Path, index: int) -> None:
+    """Everything that a reader of whole recordings accepts, a reader of views accepts too."""
     path = tmp_path / "f.mcap"
-    foreign = Foreign(header_last=True, writer={"chunk_size": 1})  # else all of it fits into one chunk, at the end
+    foreign = Foreign(header_last=True, writer={"chunk_size": 1})  # so that there is more than one chunk
     foreign.messages.reverse()
     path.write_bytes(foreign.bytes())
     found = read_view(path, index)
@@ -121,7 +121,7 @@ def test_another_writer_may_put_first_what_we_put_last(tmp_path: Path, index: in
 
 
 @pytest.mark.parametrize("topic", ["/tf", "/camera/calibration", "/camera/depth"])
-def test_a_view_that_lacks_a_part_is_not_there(tmp_path: Path, topic: str) -> None:
+def test_an_incomplete_view_is_omitted(tmp_path: Path, topic: str) -> None:
     path, foreign = tmp_path / "f.mcap", Foreign()
     foreign.messages = [message for message in foreign.messages if message[:2] != (1, topic)]
     path.write_bytes(foreign.bytes())
@@ -130,7 +130,7 @@ def test_a_view_that_lacks_a_part_is_not_there(tmp_path: Path, topic: str) -> No
 
 
 @pytest.mark.parametrize("lacking", ["metadata_records", "attachments"])
-def test_without_a_header_nothing_is_told(tmp_path: Path, lacking: str) -> None:
+def test_a_recording_without_a_header_is_refused(tmp_path: Path, lacking: str) -> None:
     path = tmp_path / "f.mcap"
     path.write_bytes(replace(Foreign(), **{lacking: 0}).bytes())
     for read in (read_poses, lambda path: read_view(path, 0)):
@@ -138,8 +138,8 @@ def test_without_a_header_nothing_is_told(tmp_path: Path, lacking: str) -> None:
             read(path)
 
 
-def test_what_comes_behind_a_view_is_not_read(written: Path) -> None:
-    """A picture of the first view costs no more when there are many."""
+def test_the_data_after_a_view_are_not_read(written: Path) -> None:
+    """The first view takes the same time in a long recording."""
     content = written.read_bytes()
     half = len(content) // 2
     written.write_bytes(content[:half] + bytes(byte ^ 0xFF for byte in content[half:]))
@@ -148,8 +148,8 @@ def test_what_comes_behind_a_view_is_not_read(written: Path) -> None:
         read_poses(written)
 
 
-def test_it_is_held_to_the_limits(written: Path) -> None:
+def test_the_view_reader_enforces_the_limits(written: Path) -> None:
     limits = replace(DEFAULT_LIMITS, image_pixels=64 * 40 - 1)
     with pytest.raises(ValueError, match="2559 at most"):
         read_view(written, 0, limits)
-    assert len(read_poses(written, limits)) == 3  # no image is unpacked for it
+    assert len(read_poses(written, limits)) == 3  # poses need no image

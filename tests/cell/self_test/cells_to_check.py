@@ -1,4 +1,4 @@
-"""Cells to test: a real one that may not be there, and a simulated one that looks at its table."""
+"""Cells for the self-test: a real one that may not exist, and a simulated one that sees its table."""
 
 import time
 from datetime import UTC, datetime, timedelta
@@ -49,7 +49,7 @@ def state_at(T_base_flange: NDArray[np.float64], q_rad: tuple[float, ...] = Q_RA
 
 
 def written_hand_eye(folder: Path) -> Path:
-    """A good calibration of camera 1944 and robot 2022, three days old."""
+    """Write a valid calibration of camera 1944 and robot 2022 that is three days old, and return its path."""
     path = folder / "hand_eye.json"
     T = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
     write_hand_eye(path, T, created=datetime.now(UTC) - timedelta(days=3), camera_id="1944", robot_serial="2022")
@@ -65,9 +65,9 @@ def exact_frames() -> FrameSource:
 
 
 def looking_cell(told_table_z_m: float = 0.0, aside_m: float = 0.0) -> CheckContext:
-    """A simulated cell without errors whose arm stands so that the camera sees the table, as one frame has it.
+    """Return the context of a simulated cell without errors, with one frame that shows the table.
 
-    The table is at 0, whatever the settings say of it.
+    The table is at z = 0, whatever the settings give.
     """
     source = exact_frames()
     world = source.world

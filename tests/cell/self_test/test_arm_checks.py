@@ -1,4 +1,4 @@
-"""The arm's part of testing a cell, on virtual controllers with all kinds of faults."""
+"""The self-test of the arm, on virtual controllers with faults."""
 
 import time
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def controller() -> Iterator[RunningController]:
 
 @pytest.fixture
 def robot(controller: RunningController) -> Iterator[RunningController]:
-    """The same robot, with nothing wrong."""
+    """Return the same robot without a fault."""
     controller.admin.reset(Q_RAD)
     yield controller
     controller.admin.reset(Q_RAD)
@@ -47,12 +47,12 @@ def hand_eye_file(tmp_path: Path) -> Path:
     return written_hand_eye(tmp_path)
 
 
-def test_a_name_that_nobody_knows_is_told(hand_eye_file: Path) -> None:
+def test_an_unknown_host_name_is_reported(hand_eye_file: Path) -> None:
     with pytest.raises(RobotUnreachableError, match=r"'no-such-robot\.invalid' is not known"):
         arm_checks.controller(grounds_for(real_cell("no-such-robot.invalid", hand_eye_file)))
 
 
-def test_a_controller_that_accepts_and_never_answers_is_told(robot: RunningController, hand_eye_file: Path) -> None:
+def test_a_silent_controller_is_reported(robot: RunningController, hand_eye_file: Path) -> None:
     robot.admin.half_open()
     context = grounds_for(real_cell(robot.host, hand_eye_file))
     assert arm_checks.controller(context).outcome == "ok"
@@ -70,7 +70,7 @@ def robot_step(robot: RunningController, hand_eye_file: Path, **arm: object) -> 
     return step
 
 
-def test_a_robot_that_may_be_driven(robot: RunningController, hand_eye_file: Path) -> None:
+def test_a_ready_robot_passes(robot: RunningController, hand_eye_file: Path) -> None:
     step = robot_step(robot, hand_eye_file)
     assert (step.outcome, step.what_to_do) == ("ok", None)
     assert "running, safety normal, in remote control, no program" in step.message
@@ -86,21 +86,21 @@ def test_a_robot_that_may_be_driven(robot: RunningController, hand_eye_file: Pat
         ("emergency_stop", "an emergency stop is pressed", "release the button"),
     ],
 )
-def test_a_robot_that_must_not_be_driven_is_left_alone(
+def test_a_robot_that_is_not_ready_is_reported_and_unchanged(
     robot: RunningController, hand_eye_file: Path, fault: str, told: str, advice: str
 ) -> None:
     getattr(robot.admin, fault)()
-    time.sleep(0.05)  # the next cycles of the controller
+    time.sleep(0.05)  # wait for the next cycles of the controller
     since = len(robot.admin.log())
     step = robot_step(robot, hand_eye_file)
     assert step.outcome == "failed"
     assert told in step.message
-    assert step.message.startswith("UR5, serial number "), "who it is, is told all the same"
+    assert step.message.startswith("UR5, serial number "), "the robot is still identified"
     assert advice in (step.what_to_do or "")
     assert "script_upload" not in {event["kind"] for event in robot.admin.log()[since:]}
 
 
-def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController, hand_eye_file: Path) -> None:
+def test_all_problems_of_a_robot_are_reported_together(robot: RunningController, hand_eye_file: Path) -> None:
     robot.admin.local_mode()
     robot.admin.power_off()
     time.sleep(0.05)
@@ -111,7 +111,7 @@ def test_all_that_is_wrong_with_a_robot_is_told_at_once(robot: RunningController
     assert step.what_to_do.count(";") >= 2
 
 
-def test_software_is_judged() -> None:
+def test_the_software_version_is_checked() -> None:
     old = start_controller("ur3e", free_host(), software="5.20.1")
     try:
         context = grounds_for(CellSettings(arm=SimulatedArm(model="ur3e")))
@@ -137,7 +137,7 @@ def test_a_connection_gives_fresh_joint_angles(robot: RunningController, hand_ey
 
 
 @pytest.mark.parametrize(("off_m", "outcome"), [(0.0, "ok"), (0.003, "ok"), (0.008, "warning"), (0.05, "failed")])
-def test_the_arm_model_is_compared_with_the_pose_that_the_controller_tells(off_m: float, outcome: str) -> None:
+def test_the_arm_model_is_compared_with_the_reported_pose(off_m: float, outcome: str) -> None:
     context = grounds_for(CellSettings())
     context.state = state_at(from_rotation_vector((off_m, 0, 0), (0, 0, 0)) @ forward("ur5e", Q_RAD))
     step = arm_checks.kinematics(context)
@@ -145,12 +145,12 @@ def test_the_arm_model_is_compared_with_the_pose_that_the_controller_tells(off_m
     assert f"{1000 * off_m:.2f} mm and 0.00 degrees" in step.message
 
 
-def test_software_that_drives_the_robot_already_is_told(robot: RunningController, hand_eye_file: Path) -> None:
+def test_another_program_that_drives_the_robot_is_reported(robot: RunningController, hand_eye_file: Path) -> None:
     ours = UrArm(URArm(kind="ur", host=robot.host), robot.host)
     try:
         ours.connect()
         step = robot_step(robot, hand_eye_file)
-        assert ours.state().robot_mode == "running", "and it is left alone"
+        assert ours.state().robot_mode == "running", "the other program still runs"
     finally:
         ours.close()
     assert "another program (rtde_control) is on the robot, playing" in step.message

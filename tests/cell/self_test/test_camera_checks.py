@@ -1,4 +1,4 @@
-"""The camera's part of testing a cell: what it says of itself and shows is judged."""
+"""The self-test of the camera: its description and its images."""
 
 import numpy as np
 import pytest
@@ -13,10 +13,10 @@ from tests.cell.self_test.cells_to_check import (
 )
 
 
-def test_a_camera_that_looks_elsewhere_is_known() -> None:
+def test_a_camera_that_does_not_see_the_workspace_is_detected() -> None:
     assert not camera_checks._looks_elsewhere(looking_cell())
     assert camera_checks._looks_elsewhere(looking_cell(aside_m=1.0))
-    assert not camera_checks._looks_elsewhere(grounds_for(CellSettings())), "not known, so not excused"
+    assert not camera_checks._looks_elsewhere(grounds_for(CellSettings())), "an unknown pose is no excuse"
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def test_a_camera_that_looks_elsewhere_is_known() -> None:
         (60.0, ("the link is USB 2: use another cable",), "but the link is USB 2"),
     ],
 )
-def test_what_a_camera_says_of_itself_is_judged(
+def test_the_description_of_a_camera_is_checked(
     temperature_c: float | None, warnings: tuple[str, ...], told: str | None
 ) -> None:
     step = camera_checks.camera_found(CameraInfo("OAK-D-PRO", "1944", 640, 400, "USB 3", temperature_c, warnings))
@@ -50,7 +50,7 @@ def test_what_a_camera_says_of_itself_is_judged(
         (0.5, 0.9, -30.0, 1.0, False, "failed", "the frame has an age of -30.0 s"),
     ],
 )
-def test_a_depth_image_is_judged(
+def test_a_depth_image_is_checked(
     depth_m: float, share: float, age_s: float, focal: float, aside: bool, outcome: str, told: str
 ) -> None:
     optics = SimulatedCamera().optics

@@ -1,4 +1,4 @@
-"""The whole cell tested step by step: what is found, what is skipped and why, and that nothing moves."""
+"""The self-test of the whole cell: findings, skipped steps with reasons, and no motion."""
 
 import time
 from collections.abc import Generator
@@ -44,7 +44,7 @@ def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
     assert "failed" not in outcomes.values(), steps
     assert [outcomes[name] for name in ("controller", "robot", "connection", "arm model", "camera")] == ["ok"] * 5
     kinds = {event["kind"] for event in log}
-    assert "script_upload" in kinds, "the connection was tested in earnest"
+    assert "script_upload" in kinds, "the connection was really tested"
     assert not kinds & MOTION
     assert_gone(host)
 
@@ -54,7 +54,7 @@ def assert_gone(host: str) -> None:
         admin.state()
 
 
-def test_a_test_that_is_broken_off_leaves_nothing_behind() -> None:
+def test_an_interrupted_self_test_leaves_no_process() -> None:
     host = free_host()
     steps = check_cell(CellSettings(arm=SimulatedArm(host=host)))
     assert isinstance(steps, Generator)
@@ -65,7 +65,7 @@ def test_a_test_that_is_broken_off_leaves_nothing_behind() -> None:
     assert_gone(host)
 
 
-def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> None:
+def test_a_missing_robot_and_camera_are_reported_in_time(hand_eye_file: Path) -> None:
     steps: dict[str, CheckResult] = {}
     took_s: dict[str, float] = {}
     before = time.monotonic()
@@ -79,7 +79,7 @@ def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> N
     assert steps["camera"].outcome == "failed"
     assert "no OAK camera" in steps["camera"].message
     assert "cable" in (steps["camera"].what_to_do or "")
-    # The promise of 3 s; importing the camera's library comes on top, and takes its time on a busy machine.
+    # The promised 3 s plus the import of the camera library, which takes long on a busy machine.
     assert took_s["controller"] < 3.0
     assert steps["robot"] == CheckResult("robot", "skipped", "it needs the controller")
     assert steps["connection"].message == "it needs a robot that may be driven"
@@ -89,12 +89,12 @@ def test_without_robot_and_camera_each_says_so_in_time(hand_eye_file: Path) -> N
     assert steps["viewpoints"].message.startswith("8 of 8 reached from home")
 
 
-def test_errors_are_told_apart_from_what_to_do() -> None:
+def test_the_error_and_the_action_are_separate() -> None:
     step = failed("robot", [RobotNotReadyError("it is off: switch it on"), RobotNotReadyError("it is local")])
     assert step == CheckResult("robot", "failed", "it is off; it is local", "switch it on")
 
 
-def test_an_address_that_is_taken_is_told() -> None:
+def test_a_used_address_is_reported() -> None:
     controller = start_controller("ur5e", free_host())
     try:
         steps = check_cell(CellSettings(arm=SimulatedArm(host=controller.host)))

@@ -1,4 +1,4 @@
-"""What joins arm and camera, as a part of testing a cell: calibration, table, viewpoints."""
+"""The self-test of the setup: calibration, table and viewpoints."""
 
 import json
 from dataclasses import replace
@@ -25,7 +25,7 @@ def hand_eye_file(tmp_path: Path) -> Path:
     return written_hand_eye(tmp_path)
 
 
-def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> None:
+def test_a_calibration_is_compared_with_the_camera_and_robot(hand_eye_file: Path) -> None:
     context = grounds_for(real_cell("10.0.0.1", hand_eye_file))
     context.arm = ArmInfo("UR5", "2022", "5.25.1")
     assert setup_checks.calibration(context).outcome == "ok"
@@ -38,7 +38,7 @@ def test_a_calibration_is_compared_with_what_is_there(hand_eye_file: Path) -> No
     assert context.hand_eye is None
 
 
-def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> None:
+def test_a_missing_or_old_calibration_is_reported(hand_eye_file: Path) -> None:
     settings = real_cell("10.0.0.1", hand_eye_file.with_name("none.json"))
     step = setup_checks.calibration(grounds_for(settings))
     assert (step.outcome, "there is no hand-eye calibration" in step.message) == ("failed", True)
@@ -48,7 +48,7 @@ def test_a_calibration_that_is_missing_or_old_is_told(hand_eye_file: Path) -> No
     assert step.what_to_do == "calibrate again"
 
 
-def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, hand_eye_file: Path) -> None:
+def test_without_a_file_only_a_simulated_cell_has_a_calibration(tmp_path: Path, hand_eye_file: Path) -> None:
     none_yet = HandEyeSettings(folder=tmp_path / "none")
     real = real_cell("10.0.0.1", hand_eye_file).model_copy(update={"hand_eye": none_yet})
     step = setup_checks.calibration(grounds_for(real))
@@ -61,7 +61,7 @@ def test_where_none_was_made_yet_only_a_simulated_cell_has_one(tmp_path: Path, h
     assert (step.outcome, str(hand_eye_file) in step.message) == ("ok", True)
 
 
-def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
+def test_a_plain_matrix_is_accepted_with_a_warning(hand_eye_file: Path) -> None:
     hand_eye_file.write_text('{"T_flange_camera": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.05], [0, 0, 0, 1]]}')
     step = setup_checks.calibration(grounds_for(real_cell("10.0.0.1", hand_eye_file)))
     assert step.outcome == "warning"
@@ -72,20 +72,20 @@ def test_a_plain_matrix_is_taken_with_a_warning(hand_eye_file: Path) -> None:
 @pytest.mark.parametrize(
     ("told_table_z_m", "outcome"), [(0.0, "ok"), (0.007, "warning"), (-0.03, "failed"), (-0.15, "failed")]
 )
-def test_the_table_is_looked_for_where_the_configuration_has_it(told_table_z_m: float, outcome: str) -> None:
+def test_the_height_of_the_table_is_compared_with_the_configuration(told_table_z_m: float, outcome: str) -> None:
     step = setup_checks.table(looking_cell(told_table_z_m))
     assert step.outcome == outcome, step
     assert (step.what_to_do is None) == (outcome == "ok")
     assert "mounting.table_z_m" in step.message
 
 
-def test_a_table_that_is_out_of_view_is_not_judged() -> None:
+def test_a_table_out_of_view_is_skipped() -> None:
     step = setup_checks.table(looking_cell(aside_m=1.0))
     assert step.outcome == "skipped"
     assert "the camera sees 0 % of the workspace" in step.message
 
 
-def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
+def test_a_table_that_is_not_fully_covered_is_a_warning() -> None:
     context = looking_cell()
     context.state = None
     step = setup_checks.viewpoints(context)
@@ -97,7 +97,7 @@ def test_a_table_that_the_pictures_do_not_show_whole_is_a_warning() -> None:
     assert "x_m and y_m in [workspace] smaller" in (step.what_to_do or "")
 
 
-def test_unreachable_viewpoints_are_told_with_their_reasons() -> None:
+def test_unreachable_viewpoints_are_reported_with_reasons() -> None:
     context = looking_cell()
     context.state = None
     far = context.settings.model_copy(

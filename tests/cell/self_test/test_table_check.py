@@ -1,4 +1,4 @@
-"""The table as one view has it: planes of known height and tilt, and what is no table."""
+"""The table in one view: planes of known height and tilt, and clutter."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def view(depth: NDArray[np.uint16], T_base_camera: NDArray[np.float64]) -> View:
 def plane_view(
     height_m: float, tilt_rad: float = 0.0, noise_m: float = 0.0, T: NDArray[np.float64] | None = None
 ) -> View:
-    """A view of a plane through (0.45, 0, `height_m`) that falls towards +x."""
+    """Return a view of a plane through (0.45, 0, `height_m`) that slopes down towards +x."""
     T = looking_at(MIDDLE) if T is None else T
     u, v = np.meshgrid(np.arange(320), np.arange(200))
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
@@ -45,14 +45,14 @@ def plane_view(
 def test_height_and_tilt_are_measured(offset_m: float, tilt_rad: float) -> None:
     seen = fit_table(plane_view(-0.2 + offset_m, tilt_rad, noise_m=0.001), SETTINGS)
     assert seen is not None
-    # The height is told amid the points, up to 5 cm from where the plane is pivoted; half a millimetre else.
+    # The height is measured among the points, up to 5 cm from the pivot of the plane. The noise adds 0.5 mm.
     assert seen.height_m == pytest.approx(offset_m, abs=0.0005 + 0.05 * np.tan(tilt_rad))
     # 1 mm of noise in a thousand points over 0.2 m leaves far less than 2 mrad.
     assert seen.tilt_rad == pytest.approx(tilt_rad, abs=0.002)
     assert seen.share > 0.9
 
 
-def test_things_on_the_table_do_not_lift_it() -> None:
+def test_objects_on_the_table_do_not_change_its_height() -> None:
     taken = plane_view(-0.2, noise_m=0.001)
     depth = taken.depth.copy()
     depth[60:130, 120:200] = (depth[60:130, 120:200] * 0.93).astype(np.uint16)  # a box of about 4 cm
@@ -63,13 +63,13 @@ def test_things_on_the_table_do_not_lift_it() -> None:
     assert seen.share < 0.95
 
 
-def test_where_nothing_is_near_the_table_nothing_is_told() -> None:
+def test_without_points_near_the_table_there_is_no_height() -> None:
     assert fit_table(plane_view(-0.2 + 0.15), SETTINGS) is None
     taken = plane_view(-0.2)
     assert fit_table(view(np.zeros_like(taken.depth), taken.T_base_camera), SETTINGS) is None
 
 
-def test_clutter_is_no_plane() -> None:
+def test_clutter_is_not_a_plane() -> None:
     taken = plane_view(-0.2)
     depth = np.random.default_rng(1).integers(1, 65535, taken.depth.shape, dtype=np.uint16)
     seen = fit_table(view(depth, taken.T_base_camera), SETTINGS)
@@ -79,7 +79,7 @@ def test_clutter_is_no_plane() -> None:
 @pytest.mark.parametrize(
     ("T_base_camera", "least", "most"),
     [
-        # The workspace of 0.3 x 0.2 m is seen whole from 0.6 m: the image is 0.48 x 0.3 m there.
+        # From 0.6 m, the image of 0.48 x 0.3 m shows the whole workspace of 0.3 x 0.2 m.
         (looking_at(MIDDLE), 1.0, 1.0),
         (looking_at(MIDDLE + [0.3, 0.0, 0.0]), 0.1, 0.9),
         (looking_at(MIDDLE + [1.0, 0.0, 0.0]), 0.0, 0.0),
@@ -87,7 +87,5 @@ def test_clutter_is_no_plane() -> None:
     ],
     ids=["middle", "aside", "elsewhere", "upwards"],
 )
-def test_how_much_of_the_workspace_is_in_the_image(
-    T_base_camera: NDArray[np.float64], least: float, most: float
-) -> None:
+def test_the_visible_share_of_the_workspace(T_base_camera: NDArray[np.float64], least: float, most: float) -> None:
     assert least <= share_in_view(T_base_camera, K, (320, 200), SETTINGS) <= most

@@ -1,4 +1,4 @@
-"""The smooth error of a reported pose: its size, its smoothness, and that an arm keeps its own."""
+"""The smooth error of a reported pose: its size, its smoothness, and its repeatability for one arm."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def pose(rng: np.random.Generator) -> NDArray[np.float64]:
     return from_rotation_vector(rng.uniform(-0.4, 0.4, 3), rng.uniform(-1.5, 1.5, 3))
 
 
-def test_the_error_has_the_size_that_was_asked_for() -> None:
+def test_the_error_has_the_configured_size() -> None:
     rng = np.random.default_rng(0)
     offsets_m, angles_rad = [], []
     for seed in range(200):
@@ -24,12 +24,12 @@ def test_the_error_has_the_size_that_was_asked_for() -> None:
             reported = rigid(arm.apply(T), "T")
             offsets_m.append(np.linalg.norm(reported[:3, 3] - T[:3, 3]))
             angles_rad.append(rotation_angle(inverse(T) @ reported))
-    # 200 arms of eight waves: 4 % is about two sigmas.
+    # For 200 arms of eight waves, 4 % is about two standard deviations.
     assert np.sqrt(np.mean(np.square(offsets_m))) == pytest.approx(RMS_M, rel=0.06)
     assert np.sqrt(np.mean(np.square(angles_rad))) == pytest.approx(RMS_RAD, rel=0.06)
 
 
-def test_the_error_is_smooth_and_of_one_arm() -> None:
+def test_the_error_is_smooth_and_constant_for_an_arm() -> None:
     rng, arm = np.random.default_rng(1), KinematicError(RMS_M, RMS_RAD, 7)
     for _ in range(50):
         T = pose(rng)
@@ -42,6 +42,6 @@ def test_the_error_is_smooth_and_of_one_arm() -> None:
     assert not np.allclose(arm.apply(T), other.apply(T), atol=1e-5)
 
 
-def test_without_size_there_is_no_error() -> None:
+def test_an_error_of_size_zero_is_none() -> None:
     T = pose(np.random.default_rng(2))
     np.testing.assert_allclose(KinematicError(0.0, 0.0, 0).apply(T), T, atol=1e-15)

@@ -35,14 +35,14 @@ def test_the_same_seed_gives_the_same_scan(scene: StringScene, scan: SimulatedSc
     assert again.truth == scan.truth
 
 
-def test_told_poses_are_wrong_by_the_errors(scan: SimulatedScan) -> None:
+def test_reported_poses_have_the_configured_errors(scan: SimulatedScan) -> None:
     for view, T in zip(scan.views, scan.truth["T_base_camera"], strict=True):
         apart = np.linalg.norm(view.T_base_camera[:3, 3] - np.array(T)[:3, 3])
         # Robot 0.5 mm, 0.1 degrees at 8 cm from the flange, hand-eye 0.7 mm: 0.9 mm root mean square.
         assert 1e-5 < apart < 4e-3
 
 
-def test_without_errors_told_poses_are_true(scene: StringScene) -> None:
+def test_without_errors_the_reported_poses_are_true(scene: StringScene) -> None:
     exact = simulate(scene, CAMERA, seed=5, errors=NO_ERRORS, views=2)
     for view, T in zip(exact.views, exact.truth["T_base_camera"], strict=True):
         assert view.T_base_camera == pytest.approx(np.array(T), abs=1e-12)
@@ -50,12 +50,12 @@ def test_without_errors_told_poses_are_true(scene: StringScene) -> None:
 
 
 @pytest.mark.parametrize("views", [0, -1, 65])
-def test_impossible_numbers_of_views_are_refused(scene: StringScene, views: int) -> None:
+def test_impossible_numbers_of_views_are_rejected(scene: StringScene, views: int) -> None:
     with pytest.raises(ViewCountError, match="from 1 to 64"):
         simulate(scene, CAMERA, seed=0, views=views)
 
 
-def test_the_workspace_holds_the_strings() -> None:
+def test_the_workspace_contains_the_strings() -> None:
     wide = make_scene("straight", 0, length_m=0.7)
     header = simulate(wide, camera_model("ideal", (32, 20)), seed=0, views=1).header
     assert header.workspace_m is not None
@@ -64,7 +64,7 @@ def test_the_workspace_holds_the_strings() -> None:
     assert (wide.curves[0] < box[:, 1]).all()
 
 
-def test_what_is_written_is_read_back(scan: SimulatedScan, tmp_path: Path) -> None:
+def test_the_written_scan_is_read_back(scan: SimulatedScan, tmp_path: Path) -> None:
     path = tmp_path / "scan.mcap"
     assert write_simulation(scan, path) == tmp_path / "scan.truth.json"
     recording = read_recording(path)
@@ -93,7 +93,7 @@ def test_nothing_is_overwritten(scan: SimulatedScan, tmp_path: Path, there: str)
     assert [(file.name, file.read_text()) for file in tmp_path.iterdir()] == [(there, "precious")]
 
 
-def test_a_failed_write_leaves_nothing(scan: SimulatedScan, tmp_path: Path) -> None:
+def test_a_failed_write_leaves_no_file(scan: SimulatedScan, tmp_path: Path) -> None:
     broken = SimulatedScan((*scan.views, scan.views[0]), scan.header, scan.truth)
     with pytest.raises(ValueError, match="view 0"):
         write_simulation(broken, tmp_path / "scan.mcap")
@@ -104,7 +104,7 @@ def test_the_truth_is_consistent(scene: StringScene) -> None:
     truth = scene_truth(scene, [], np.eye(4))
     curve = np.array(truth["curves"][0])
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
-    # 2 mm chords of bends of at least 1 cm: shorter by (2/10)^2/24 at most.
+    # Chords of 2 mm in bends of at least 1 cm are shorter by at most (2/10)^2/24.
     assert np.diff(s) == pytest.approx(np.full(len(s) - 1, 0.002), rel=2e-3)
     assert s[-1] == pytest.approx(0.4, abs=3e-4)
     assert truth["radius"] == scene.radius_m

@@ -1,4 +1,4 @@
-"""The board on the simulated table, as depth and picture show it."""
+"""The board on the simulated table in depth and intensity images."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 
 
 def world_with(board: Board, model: CameraName = "ideal", size: tuple[int, int] = (640, 400)) -> SimulatedWorld:
-    """Without errors of arm and calibration."""
+    """Return a world with a board and without errors of arm and calibration."""
     world = simulated_world(CellSettings(camera=SimulatedCamera(model=model, errors=0.0)))
     return replace(world, camera=camera_model(model, size)).with_board(board)
 
@@ -27,7 +27,7 @@ def world_with(board: Board, model: CameraName = "ideal", size: tuple[int, int] 
 def looking(
     world: SimulatedWorld, azimuth_rad: float, tilt_deg: float, distance_m: float, roll_rad: float
 ) -> NDArray[np.float64]:
-    """A flange pose from which the camera looks at the workspace's middle."""
+    """Return a flange pose from which the camera looks at the middle of the workspace."""
     T_base_camera = look_at(
         world.T_base_scene[:3, 3], azimuth_rad, np.pi / 2 - np.deg2rad(tilt_deg), distance_m, roll_rad
     )
@@ -35,7 +35,7 @@ def looking(
 
 
 def projected(world: SimulatedWorld, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2) where the board's points truly are in the picture."""
+    """Return the true pixels (N, 2) of the points of the board."""
     assert world.board is not None
     assert world.T_base_board is not None
     T_camera_board = inverse(world.T_base_camera(T_base_flange)) @ world.T_base_board
@@ -46,12 +46,12 @@ def projected(world: SimulatedWorld, T_base_flange: NDArray[np.float64]) -> NDAr
 def exact_ink(
     board: Board, H_image_board: NDArray[np.float64], rows: slice, columns: slice, samples: int = 16
 ) -> NDArray[np.float64]:
-    """Share of each pixel that is printed on a checkerboard: 16 x 16 times it is asked in which square it looks."""
+    """Return the printed share of each pixel of a checkerboard, from 16 x 16 samples per pixel."""
     u = (np.arange(columns.start * samples, columns.stop * samples) + 0.5) / samples - 0.5
     v = (np.arange(rows.start * samples, rows.stop * samples) + 0.5) / samples - 0.5
     u, v = np.meshgrid(u, v)
     x, y, w = np.tensordot(np.linalg.inv(H_image_board), np.stack([u, v, np.ones_like(u)]), axes=1)
-    # The origin is the first inner corner: the square before it is the first, and black.
+    # The origin is the first inner corner. The square before it is the first one and is black.
     column, row = (np.floor(axis / w / board.pitch_m).astype(int) + 1 for axis in (x, y))
     printed = (column >= 0) & (column < board.columns) & (row >= 0) & (row < board.rows)
     ink = printed & ((column + row) % 2 == 0)
@@ -59,7 +59,7 @@ def exact_ink(
 
 
 @pytest.mark.parametrize(("tilt_deg", "distance_m", "roll_rad"), [(20, 0.36, 0.0), (30, 0.6, -1.3), (0.01, 0.45, 0.0)])
-def test_every_pixel_of_the_print_is_its_mean_over_the_pixel(
+def test_every_pixel_is_the_mean_of_the_print_over_its_area(
     tilt_deg: float, distance_m: float, roll_rad: float
 ) -> None:
     board = Board("checkerboard")
@@ -73,14 +73,14 @@ def test_every_pixel_of_the_print_is_its_mean_over_the_pixel(
     assert (seen.rows, seen.columns) == (slice(59, 161), slice(99, 241))
     H_image_board = world.camera.K @ (inverse(T_scene_camera) @ T_scene_board)[:3, [0, 1, 3]]
     off = seen.black - exact_ink(board, H_image_board, seen.rows, seen.columns)
-    # At an edge, a hundredth is a hundredth of a pixel; both are means over a grid of samples.
+    # At an edge, 0.01 is a hundredth of a pixel. Both are means over a grid of samples.
     assert np.sqrt(np.mean(off**2)) < 0.008
     assert abs(off.mean()) < 1e-3
     assert np.abs(off).max() < 0.13
 
 
-def test_corners_are_found_where_the_truth_says() -> None:
-    """Rendered, pictured five times, and found by the detector as in a calibration."""
+def test_corners_are_detected_at_their_true_pixels() -> None:
+    """Five exposures are rendered and averaged, and the corners are detected as in a calibration."""
     world = world_with(Board(), "oak-d-pro")
     source = FrameSource(world)
     found, errors = 0, []
@@ -92,12 +92,12 @@ def test_corners_are_found_where_the_truth_says() -> None:
         errors.append(sighting.pixels - projected(world, T_base_flange)[sighting.ids])
     off = np.vstack(errors)
     assert found >= 0.97 * 6 * 48
-    # The detector's own error; that of what is rendered is far less (see above).
+    # The error of the detector. The error of the rendering is much smaller (see above).
     assert np.sqrt(np.mean(off**2)) < 0.08
     assert np.abs(off.mean(axis=0)).max() < 0.02
 
 
-def test_depth_and_picture_show_the_board_in_the_same_place() -> None:
+def test_depth_and_intensity_show_the_board_at_the_same_position() -> None:
     world = world_with(Board("checkerboard"))
     assert world.T_base_board is not None
     T_base_flange = looking(world, 0.4, 25, 0.45, 0.3)
@@ -107,19 +107,19 @@ def test_depth_and_picture_show_the_board_in_the_same_place() -> None:
     u, v = np.rint(pixels).astype(int).T
     rays = np.column_stack([u, v, np.ones(len(u))]) @ np.linalg.inv(world.camera.K).T
     points = transform_points(T_base_flange @ world.T_flange_camera, rays * z[v, u, None])
-    # The plate's top, to half a depth count along the ray.
+    # The top of the plate, to half a depth count along the ray.
     assert points[:, 2] == pytest.approx(np.full(len(points), world.T_base_board[2, 3]), abs=1e-4)
     truth = transform_points(world.T_base_board, Board("checkerboard").points)
-    # Half a pixel at 0.5 m is 0.6 mm, on either axis.
+    # Half a pixel at 0.5 m is 0.6 mm on each axis.
     assert np.linalg.norm(points - truth, axis=1).max() < 1e-3
 
 
-def test_a_board_out_of_sight_is_not_in_the_picture() -> None:
+def test_a_board_out_of_view_is_not_in_the_image() -> None:
     world = world_with(Board())
     source = FrameSource(world)
     aside = look_at(world.T_base_scene[:3, 3] + (0.5, 0.4, 0), 0.0, 1.2, 0.3, 0.0) @ inverse(world.T_flange_camera)
     up = look_at(world.T_base_scene[:3, 3] + (0, 0, 1.0), 0.0, -1.2, 0.6, 0.0) @ inverse(world.T_flange_camera)
     assert source.render_intensity(aside).max() < 180
-    # Nothing but the dark room, in which only noise is seen.
+    # The image shows only the dark room with noise.
     assert source.render_intensity(up).max() < 40
     assert source.render_intensity(looking(world, 0.0, 20, 0.4, 0.0)).max() > 180

@@ -12,14 +12,14 @@ SMALL = (320, 200)
 
 
 def base_points(depth_m: NDArray[np.floating], K: NDArray, T_base_camera: NDArray) -> NDArray[np.float64]:
-    """Points (H, W, 3) by the pinhole model, written out apart from the code under test."""
+    """Return points (H, W, 3) by the pinhole model, independently of the code under test."""
     v, u = np.indices(depth_m.shape)
     camera = np.stack([(u - K[0, 2]) / K[0, 0] * depth_m, (v - K[1, 2]) / K[1, 1] * depth_m, depth_m], axis=-1)
     return transform_points(T_base_camera, camera.reshape(-1, 3)).reshape(camera.shape)
 
 
 def line_distance(points: NDArray, curve: NDArray) -> NDArray[np.float64]:
-    """Distances of points (N, 3) from the polyline `curve` (M, 3)."""
+    """Return the distances of points (N, 3) from the polyline `curve` (M, 3)."""
     a, ab = curve[:-1], np.diff(curve, axis=0)
     t = np.clip(((points[:, None] - a) * ab).sum(axis=2) / (ab**2).sum(axis=1), 0, 1)
     return np.linalg.norm(points[:, None] - (a + t[..., None] * ab), axis=2).min(axis=1)
@@ -43,7 +43,7 @@ def test_exact_depth_lies_on_string_and_table(azimuth: float, elevation: float) 
         np.linalg.norm(on_string[:, None] - scene.curves[0][[0, -1]], axis=2).min(axis=1) > scene.radius_m * 1.5
     )
     error = line_distance(on_string[inside_ends], scene.curves[0]) - scene.radius_m
-    # Half a unit along the ray, and 0.15 % of the radius by the mesh's facets.
+    # Half a unit along the ray, and 0.15 % of the radius from the facets of the mesh.
     assert np.abs(error).max() < 6.5e-5
 
 
@@ -56,7 +56,7 @@ def test_strings_end_where_their_curves_end() -> None:
     ends = np.sort(
         np.array([scene.curves[0][0], scene.curves[0][-1]]) @ (scene.curves[0][-1] - scene.curves[0][0]) / 0.4
     )
-    # The last pixel lies up to one pixel, 2.3 mm here, before the end; none lies beyond.
+    # The last pixel is up to one pixel, here 2.3 mm, before the end. No pixel is beyond the end.
     assert [along.min(), along.max()] == pytest.approx(ends, abs=2.5e-3)
     assert ends[0] - 1e-6 <= along.min() <= along.max() <= ends[1] + 1e-6
 
@@ -65,7 +65,7 @@ def test_boxes_stand_on_the_table() -> None:
     box = Box((0.05, -0.02), (0.04, 0.03, 0.025), 0.4)
     scene = StringScene("box", 0.004, make_scene("straight", 0, radius_m=0.004, length_m=0.06).curves, (box,))
     model = camera_model("ideal", SMALL)
-    # From straight above, nearly: the box's top is all that is seen of it.
+    # Nearly from straight above, only the top of the box is visible.
     T = look_at(np.array([0.05, -0.02, 0.0]), 0.0, np.deg2rad(89.9), 0.4, 0.0)
     depth, string = DepthCamera(model, scene).render(T)
     points = base_points(depth, model.K, T)
@@ -85,7 +85,7 @@ def test_the_same_generator_gives_the_same_image() -> None:
     assert not np.array_equal(first, other)
 
 
-def test_nothing_is_measured_too_near() -> None:
+def test_points_below_the_minimum_distance_are_not_measured() -> None:
     model = camera_model("oak-d-pro", SMALL)
     camera = DepthCamera(model, make_scene("straight", 0))
     counts = camera.capture(look_at(np.zeros(3), 0.0, 1.0, 0.30, 0.0), np.random.default_rng(0))
@@ -103,17 +103,17 @@ def test_another_resolution_keeps_the_field_of_view(name: str) -> None:
 
 
 @pytest.mark.parametrize("resolution", [(640, 480), (1920, 1080), (16, 10), (0, 0)])
-def test_impossible_resolutions_are_refused(resolution: tuple[int, int]) -> None:
+def test_impossible_resolutions_are_rejected(resolution: tuple[int, int]) -> None:
     with pytest.raises(CameraModelError, match="no depth image of"):
         camera_model("oak-d-sr", resolution)
 
 
-def test_unknown_cameras_are_refused() -> None:
+def test_unknown_cameras_are_rejected() -> None:
     with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, oak-d-pro-measured, ideal"):
         camera_model("kinect")
 
 
-def test_a_mirrored_pose_is_refused() -> None:
+def test_a_mirrored_pose_is_rejected() -> None:
     camera = DepthCamera(camera_model("ideal", (32, 20)), make_scene("straight", 0))
     with pytest.raises(NotRigidError):
         camera.render(np.diag([1.0, 1.0, -1.0, 1.0]))

@@ -1,6 +1,6 @@
-"""The figures of the noise model, measured on flat depth images of half a megapixel.
+"""The parameters of the noise model, measured on flat depth images of half a megapixel.
 
-With that many pixels the sampling error of a spread is below 1 %, of a share below 0.2 %.
+With that many pixels, the sampling error of a spread is below 1 % and that of a share below 0.2 %.
 """
 
 from dataclasses import replace
@@ -32,7 +32,7 @@ def disparity_error(noise: StereoNoise, bias_px: float = 0.0, depth: NDArray = W
     return (40.0 / measured - 40.0 / depth)[measured > 0]
 
 
-def test_without_noise_depth_stays() -> None:
+def test_without_noise_the_depth_is_unchanged() -> None:
     assert np.abs(measure(WALL, 800.0, NONE, 0.0, np.random.default_rng(0)) - WALL).max() < 1e-6
 
 
@@ -40,24 +40,24 @@ def test_the_bias_shifts_every_disparity() -> None:
     assert np.abs(disparity_error(NONE, bias_px=0.2) - 0.2).max() < 1e-3
 
 
-def test_spreads_are_those_of_the_model() -> None:
+def test_the_spreads_are_those_of_the_model() -> None:
     assert disparity_error(replace(NONE, fixed_px=0.12)).std() == pytest.approx(0.12, rel=0.02)
     assert disparity_error(replace(NONE, frame_px=0.09)).std() == pytest.approx(0.09 * MEDIAN_OF_FIVE, rel=0.02)
 
 
-def test_the_median_of_five_is_that_much_steadier() -> None:
+def test_the_median_of_five_has_its_smaller_spread() -> None:
     samples = np.random.default_rng(0).standard_normal((100_000, 5))
     assert np.median(samples, axis=1).std() == pytest.approx(MEDIAN_OF_FIVE, rel=0.01)
 
 
-def test_fixed_noise_is_alike_over_three_pixels() -> None:
+def test_fixed_noise_is_correlated_over_three_pixels() -> None:
     error = disparity_error(replace(NONE, fixed_px=0.12)).reshape(SHAPE)
     alike = [np.corrcoef(error[:, :-k].ravel(), error[:, k:].ravel())[0, 1] for k in (1, 2, 3, 5)]
-    # exp(-k^2 / 4), that of a Gaussian of one pixel.
+    # exp(-k^2 / 4) is the correlation of a Gaussian of one pixel.
     assert alike == pytest.approx([0.78, 0.37, 0.11, 0.0], abs=0.03)
 
 
-def test_disparities_wave_with_each_whole_one() -> None:
+def test_the_disparity_error_is_periodic_in_whole_pixels() -> None:
     quarter = np.full(SHAPE, 40.0 / (DISPARITY + 0.25), dtype=np.float32)
     waving = replace(NONE, wave_px=0.1)
     assert np.abs(disparity_error(waving)).max() < 2e-3
@@ -81,26 +81,26 @@ def test_error_in_metres_grows_with_the_square_of_the_distance() -> None:
     assert spreads[1] / spreads[0] == pytest.approx(4.0, rel=0.02)
 
 
-def test_holes_have_their_share_and_come_in_blobs() -> None:
+def test_holes_have_their_share_and_are_connected() -> None:
     holes = measure(WALL, 800.0, replace(NONE, hole_share=0.05), 0.0, np.random.default_rng(0)) == 0
     assert holes.mean() == pytest.approx(0.05, abs=0.004)
     assert holes[:, 1:][holes[:, :-1]].mean() > 0.4
 
 
-def test_the_band_left_of_what_stands_before_is_not_seen() -> None:
+def test_the_band_left_of_a_foreground_object_is_not_measured() -> None:
     step = np.full((40, 200), 0.5, dtype=np.float32)
     step[:, 100:150] = 0.4
     measured = measure(step, 800.0, NONE, 0.0, np.random.default_rng(0))
-    # Disparities 100 and 80: a band of 20 pixels left of column 100, none on the right.
+    # Disparities 100 and 80 give a band of 20 pixels left of column 100 and none on the right.
     assert [int(columns) for columns in (measured == 0).sum(axis=1)] == pytest.approx([20] * 40, abs=1)
     assert (measured[:, 82:99] == 0).all()
-    # In a depth image of half the resolution the band is half as wide.
+    # At half the resolution, the band is half as wide.
     measured = measure(step, 400.0, NONE, 0.0, np.random.default_rng(0))
     assert [int(columns) for columns in (measured == 0).sum(axis=1)] == pytest.approx([10] * 40, abs=1)
 
 
-def test_only_rims_fray() -> None:
-    # A slanted plane has no rim: its disparity is linear in the image.
+def test_only_rims_have_edge_noise() -> None:
+    # A slanted plane has no rim, because its disparity is linear in the image.
     v, u = np.indices(SHAPE)
     plane = (1 / (2.0 + 0.001 * u + 0.002 * v)).astype(np.float32)
     rough = replace(NONE, jitter_px=1.0, flying_share=0.5)
@@ -123,7 +123,7 @@ def test_flying_pixels_lie_between_front_and_back() -> None:
     assert measured.max() <= 0.5 + 1e-5
 
 
-def test_nothing_in_the_scene_is_nothing_measured() -> None:
+def test_an_empty_scene_has_no_measurement() -> None:
     empty = np.full((20, 30), np.inf, dtype=np.float32)
     assert (measure(empty, 800.0, StereoNoise(800.0, 0.05), 0.0, np.random.default_rng(0)) == 0).all()
 
@@ -132,14 +132,14 @@ MEASURED = replace(NONE, warp_px=0.3, edge_hole_share=0.15, flicker_share=0.25)
 STEP = np.where(np.arange(900) < 450, np.float32(0.4), np.float32(0.5))[None].repeat(600, axis=0)
 
 
-def test_a_device_has_a_slow_warp_of_its_own() -> None:
+def test_each_device_has_its_own_slow_warp() -> None:
     warps = [device_warp(MEASURED, SHAPE, np.random.default_rng(seed)) for seed in (1, 1, 2)]
     first, again, other = (warp.astype(np.float64) for warp in warps if warp is not None)
     np.testing.assert_array_equal(first, again)
     assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.9
     assert np.sqrt(np.mean(first**2)) == pytest.approx(0.3, rel=1e-5)
     assert abs(first.mean()) < 1e-4
-    # Three half periods across 900 pixels: no more than 3 pi / 900 of the amplitude a pixel.
+    # Three half periods across 900 pixels change by at most 3 pi / 900 of the amplitude per pixel.
     assert np.abs(np.diff(first, axis=1)).max() < 0.02
     assert device_warp(NONE, SHAPE, np.random.default_rng(1)) is None
 
@@ -156,10 +156,10 @@ def test_pixels_beside_a_rim_are_lost_and_flicker() -> None:
     plain = still_image(STEP, 800.0, NONE, 0.0, np.random.default_rng(0))
     still = still_image(STEP, 800.0, MEASURED, 0.0, rng)
     columns = np.arange(900)
-    ring = (columns >= 442) & (columns <= 457)  # the rim's two columns, and eight at either side, without their ends
+    ring = (columns >= 442) & (columns <= 457)  # the two columns of the rim and eight on each side, without their ends
     lost = plain.good & ~still.good
     assert not lost[:, (columns < 440) | (columns > 460)].any()
-    # 600 x 16 pixels of noise that three pixels share: about 1,000 independent ones, so that 4 % are three sigmas.
+    # 600 x 16 pixels with correlated noise are about 1,000 independent ones, so 4 % are three standard deviations.
     assert lost[:, ring][plain.good[:, ring]].mean() == pytest.approx(0.15, abs=0.04)
     assert still.flickering is not None
     assert still.flickering[:, ring].mean() == pytest.approx(0.25, abs=0.05)
@@ -177,7 +177,7 @@ def test_weak_texture_gives_smooth_patches_within_their_limit() -> None:
     ]
     peaks = [np.abs(error).max() for error in errors]
     assert 3.0 < max(peaks) <= 12.0  # two patches may meet
-    # A Gaussian of half the radius changes by at most 10 px * 1.2 / 6 from pixel to pixel.
+    # A Gaussian of half the radius changes by at most 10 px * 1.2 / 6 between neighbouring pixels.
     assert max(np.abs(np.diff(error, axis=1)).max() for error in errors) < 2.0
     assert 0.9 < np.mean([np.abs(error) < 0.5 for error in errors]) < 0.999
 

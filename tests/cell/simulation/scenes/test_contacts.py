@@ -1,4 +1,4 @@
-"""Scenes whose strands touch other than by a plain crossing, and those without a string."""
+"""Scenes with contacts other than plain crossings, and the scene without a string."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ R = 0.0042
 
 
 def distances(points: np.ndarray, curve: np.ndarray) -> np.ndarray:
-    """(N,) from points (N, 3) to the nearest of the polyline `curve`'s segments."""
+    """Return the distances (N,) of points (N, 3) from the polyline `curve`."""
     start, along = curve[:-1], np.diff(curve, axis=0)
     share = np.einsum("nmk,mk->nm", points[:, None] - start, along) / (along**2).sum(axis=1)
     foot = start + np.clip(share, 0, 1)[..., None] * along
@@ -31,10 +31,10 @@ def test_two_strands_lie_in_contact_and_do_not_cross(seed: int) -> None:
     a, b = scene.curves
     assert plan_crossings(scene.curves) == ()
     apart = distances(a, b)
-    # 0.2 % of slack is left between them; the chords of 1 mm of a bend of 15 cm or more miss it by less than 1 um.
+    # The gap is 0.2 %. Chords of 1 mm in a bend of at least 15 cm are off by less than 1 um.
     assert apart.min() == pytest.approx(2 * R, rel=0.003)
     contact_m = 0.001 * (apart < 2.02 * R).sum()
-    # The strands part with a bend of 8 to 14 radii: within 2 % of a radius for some 5 mm more at both ends.
+    # The strands separate with a bend of 8 to 14 radii, so both ends stay within 2 % of a radius for about 5 mm more.
     assert 0.029 < contact_m < 0.095
     assert np.concatenate([a[:, 2], b[:, 2]]) == pytest.approx(R, abs=1e-9)
 
@@ -48,7 +48,7 @@ def test_a_hairpin_lies_beside_itself(seed: int) -> None:
     apart = distances(curve[: middle - 25], curve[middle + 25 :])
     assert apart.min() == pytest.approx(2 * R, rel=0.003)
     assert 0.029 < 0.001 * (apart < 2.02 * R).sum() < 0.095
-    # The bulb has 3.5 radii or more, before it is bent a little with the rest.
+    # The loop has at least 3.5 radii before the whole string is bent slightly.
     assert tightest_bend(curve[:, :2]) > 3.2 * R
 
 
@@ -58,31 +58,31 @@ def test_an_end_lies_on_a_strand(seed: int) -> None:
     (crossing,) = true_crossings(scene)
     assert (crossing["over"][0], crossing["under"][0]) == (1, 0)
     assert crossing["over"][1] < 2.5 * R
-    # The strand rises to its end: they touch along the slope's normal, not straight below. Contacts are asked for at
+    # The strand rises to its end, so the contact is along the normal of the slope. Contacts are enforced at
     # points 1 mm apart.
     assert distances(scene.curves[1][:60], scene.curves[0]).min() == pytest.approx(2 * R, rel=0.02)
     assert scene.curves[1][-1, 2] == pytest.approx(R, abs=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_an_end_butts_against_a_strand(seed: int) -> None:
+def test_an_end_touches_the_side_of_a_strand(seed: int) -> None:
     scene = make_scene("end-on-strand", seed, crossings=0)
     assert true_crossings(scene) == []
     vertices, _ = tube(scene.curves[1], R)
     end = np.vstack([vertices[:40], vertices[-2:-1]]).astype(np.float64)
-    # The corners stand 0.15 % of the radius out.
+    # The corners of the mesh are 0.15 % of the radius outside.
     gap_m = distances(end, scene.curves[0]).min() - R
     assert -1e-5 < gap_m < 0.05 * R
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_three_strands_lie_over_one_place(seed: int) -> None:
+def test_three_strands_cross_at_one_position(seed: int) -> None:
     scene = make_scene("stacked", seed)
     crossings = true_crossings(scene)
     assert sorted(tuple(sorted((x["over"][0], x["under"][0]))) for x in crossings) == [(0, 1), (0, 2), (1, 2)]
     places = np.array([x["point"][:2] for x in crossings])
     assert np.linalg.norm(places - places.mean(axis=0), axis=1).max() < 3 * R
-    # Crossings a radius or so apart: where the third one crosses the second, the first is not quite below.
+    # The crossings are about a radius apart, so the first strand is not exactly below the crossing of the others.
     assert sorted(curve[:, 2].max() / R for curve in scene.curves) == pytest.approx([1, 3, 5], abs=0.3)
     assert deepest_overlap(scene.curves, scene.radii_m) < 0.02
 
@@ -95,7 +95,7 @@ def test_rings_are_closed(seed: int, crossings: int) -> None:
     assert scene.closed == (True,)
     assert np.array_equal(curve[0], curve[-1])
     assert len(true_crossings(scene)) == crossings
-    # No kink where it closes: nearly the step before and the step after point the same way.
+    # The ring closes without a kink, so the steps before and after have nearly the same direction.
     before, after = curve[-1] - curve[-2], curve[1] - curve[0]
     assert before @ after / (np.linalg.norm(before) * np.linalg.norm(after)) > np.cos(0.12)
     assert polyline_length(curve) == pytest.approx(0.4, abs=2e-4)
@@ -107,7 +107,7 @@ def test_rings_are_closed(seed: int, crossings: int) -> None:
 def test_the_mesh_of_a_ring_has_no_opening() -> None:
     scene = make_scene("ring", 0, crossings=0)
     vertices, triangles = tube(scene.curves[0], R)
-    # First and last ring of corners are one: every edge then belongs to two triangles.
+    # The first and the last ring of corners are the same, so every edge belongs to two triangles.
     count = len(vertices) - 40
     assert vertices[count:] == pytest.approx(vertices[:40], abs=1e-9)
     joined = np.where(triangles >= count, triangles - count, triangles)
@@ -134,14 +134,14 @@ def test_thick_and_thin_strings_cross_and_touch(seed: int) -> None:
     assert scene_truth(scene, [], np.eye(4))["radii"] == list(scene.radii_m)
 
 
-def test_each_string_is_seen_with_its_own_radius() -> None:
+def test_each_string_is_rendered_with_its_radius() -> None:
     thick, thin = 0.004, 0.0025
     x = np.arange(-0.1, 0.1, 0.001)
     curves = tuple(
         np.column_stack([x, np.full_like(x, y), np.full_like(x, r)]) for y, r in ((0.02, thick), (-0.02, thin))
     )
     scene = StringScene("two", thick, curves, radii_m=(thick, thin))
-    # Seen from all sides, the highest measured point of each string is its top; exact depth has a unit of 0.1 mm.
+    # With views from all sides, the highest measured point of a string is its top. Depths have a unit of 0.1 mm.
     points = []
     for view in simulate(scene, camera_model("ideal", (320, 200)), 0, views=4).views:
         v, u = np.nonzero(view.depth)
@@ -150,7 +150,7 @@ def test_each_string_is_seen_with_its_own_radius() -> None:
         points.append(camera @ view.T_base_camera[:3, :3].T + view.T_base_camera[:3, 3])
     cloud = np.vstack(points)
     tops = [np.quantile(cloud[np.abs(cloud[:, 1] - y) < 0.002, 2], 0.9) for y in (0.02, -0.02)]
-    # Told poses are wrong by about a millimetre, for both strings alike.
+    # The reported poses have errors of about a millimetre, equal for both strings.
     assert tops[0] - tops[1] == pytest.approx(2 * (thick - thin), abs=0.0005)
 
 

@@ -9,7 +9,7 @@ CROSS = (
 )
 
 
-def test_two_lines_cross_once_where_they_meet() -> None:
+def test_two_lines_cross_once_at_their_intersection() -> None:
     (crossing,) = plan_crossings(CROSS)
     assert crossing.point == pytest.approx((0.0, 0.0), abs=1e-12)
     assert crossing.angle_rad == pytest.approx(np.pi / 3)
@@ -18,7 +18,7 @@ def test_two_lines_cross_once_where_they_meet() -> None:
     assert crossing.second[1] == pytest.approx(18.5)
 
 
-def test_at_gives_the_point_between_two_points() -> None:
+def test_at_interpolates_between_two_points() -> None:
     assert at(CROSS[0], 20.5) == pytest.approx((0.0025, 0.0))
     assert at(CROSS[0], 40.0) == pytest.approx((0.1, 0.0))
 
@@ -41,7 +41,7 @@ def test_heights_do_not_matter() -> None:
     assert len(plan_crossings(lifted)) == 1
 
 
-def test_only_crossings_of_new_points_when_asked() -> None:
+def test_the_search_can_be_limited_to_new_points() -> None:
     x = np.linspace(-0.1, 0.1, 41)
     zigzag = np.column_stack([x, 0.01 * np.sin(60 * x + 0.3)])
     everything = plan_crossings([CROSS[0], zigzag])
@@ -61,7 +61,7 @@ def test_a_ring_does_not_cross_itself_where_it_closes() -> None:
     assert plan_crossings([ring]) == ()
 
 
-def test_near_pairs_of_new_points_are_all_pairs_that_have_one() -> None:
+def test_near_pairs_of_new_points_are_all_pairs_with_a_new_point() -> None:
     points = np.random.default_rng(0).uniform(0, 1, (200, 2))
     apart = np.linalg.norm(points[:, None] - points[None], axis=2)
     wanted = {(i, j) for j in range(170, 200) for i in range(j) if apart[i, j] <= 0.1}

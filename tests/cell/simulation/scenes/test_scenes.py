@@ -12,7 +12,7 @@ FIXED_CROSSINGS = {"straight": 0, "arc": 0, "loop": 1, "figure-eight": 1, "overh
 
 
 def least_distances(scene: StringScene) -> tuple[float, float]:
-    """Least distance in space of two strands near crossings and elsewhere, in units of 2 r.
+    """Return the least distance of two strands near crossings and elsewhere, in units of 2 r.
 
     Points of one string count when they are farther apart along it than a quarter turn of the tightest bend.
     """
@@ -32,7 +32,7 @@ def least_distances(scene: StringScene) -> tuple[float, float]:
 
 
 def signs(scene: StringScene) -> list[int]:
-    """The right-handed sign of each crossing: of (over direction x under direction) upward."""
+    """Return the right-handed sign of each crossing: the z component of over direction x under direction."""
     result = []
     for crossing in true_crossings(scene):
         directions = []
@@ -64,7 +64,7 @@ def test_named_scenes_have_their_crossings(name: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("crossings", [0, 1, 2])
-def test_random_scenes_have_as_many_crossings_as_wished(crossings: int) -> None:
+def test_random_scenes_have_the_requested_number_of_crossings(crossings: int) -> None:
     for seed in range(3):
         assert len(true_crossings(make_scene("random", seed, crossings=crossings))) == crossings
 
@@ -78,7 +78,7 @@ def test_several_strings_cross() -> None:
     assert (len(tangle.curves), len(true_crossings(tangle))) == (3, 5)
 
 
-def test_a_coil_has_a_crossing_a_turn_each_over_the_one_before() -> None:
+def test_each_turn_of_a_coil_crosses_over_the_previous_one() -> None:
     crossings = true_crossings(make_scene("coil", 2, length_m=0.9, crossings=4))
     assert len(crossings) == 4
     assert all(x["over"][1] > x["under"][1] for x in crossings)
@@ -108,7 +108,7 @@ SOLID = [(name, 1, {}) for name in CROSSING_ONLY] + [
 
 
 @pytest.mark.parametrize(("name", "seed", "options"), SOLID)
-def test_strings_lie_on_the_table_and_not_in_one_another(name: str, seed: int, options: dict) -> None:
+def test_strings_lie_on_the_table_without_overlaps(name: str, seed: int, options: dict) -> None:
     scene = make_scene(name, seed, **options)
     softness = options.get("softness", 1.0)
     if name in ("mixed-radii", "ring"):
@@ -116,7 +116,7 @@ def test_strings_lie_on_the_table_and_not_in_one_another(name: str, seed: int, o
         return
     at_crossing, elsewhere = least_distances(scene)
     assert min(curve[:, 2].min() for curve in scene.curves) >= scene.radius_m * (1 - 1e-9)
-    # Contacts are asked for at points 1 mm apart; between them a hundredth of 2 r may be missing.
+    # Contacts are enforced at points 1 mm apart. Between these points, 1 % of 2 r may be missing.
     assert at_crossing >= softness - 0.01
     assert elsewhere >= 1.0
     if true_crossings(scene):
@@ -136,7 +136,7 @@ def test_over_strands_touch_under_strands(softness: float) -> None:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_strings_have_the_wished_length_in_space(name: str) -> None:
+def test_strings_have_the_requested_length_in_space(name: str) -> None:
     scene = make_scene(name, 0, length_m=0.45)
     lengths_m = np.array([polyline_length(curve) for curve in scene.curves])
     # Steps of 1 mm cut the corners of the tightest bends, of about 1 cm: (1/10)^2/24 of the length.
@@ -146,13 +146,13 @@ def test_strings_have_the_wished_length_in_space(name: str) -> None:
         assert lengths_m == pytest.approx(np.full(len(lengths_m), 0.45), abs=2e-4)
 
 
-def test_many_crossings_of_a_long_string_can_be_laid() -> None:
+def test_a_long_string_can_have_many_crossings() -> None:
     scene = make_scene("random", 3, length_m=4.0, crossings=8)
     assert len(true_crossings(scene)) == 8
     assert deepest_overlap(scene.curves, scene.radii_m) < 0.02
 
 
-def test_boxes_stand_clear_of_the_strings() -> None:
+def test_boxes_do_not_touch_the_strings() -> None:
     scene = make_scene("random", 1, clutter=4)
     assert len(scene.boxes) == 4
     for box in scene.boxes:
@@ -180,6 +180,6 @@ def test_boxes_stand_clear_of_the_strings() -> None:
         ({"name": "straight", "clutter": 20, "length_m": 0.05, "radius_m": 0.002}, "no room for 20 boxes"),
     ],
 )
-def test_what_cannot_be_laid_is_refused(arguments: dict, message: str) -> None:
+def test_impossible_scenes_are_rejected(arguments: dict, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         make_scene(**{"name": "random", "seed": 0} | arguments)

@@ -20,14 +20,14 @@ CROSS = [line((-0.1, 0.0), (0.1, 0.0)), line((0.003, -0.1), (0.003, 0.1))]
 def test_the_over_strand_lies_on_the_under_strand(softness: float) -> None:
     crossings = plan_crossings(CROSS)
     under, over = lay(CROSS, crossings, [False], [R, R], softness)
-    # The under strand stays on the table, the over strand touches it; both are rows of the linear programme,
+    # The under strand stays on the table, and the over strand touches it. Both are rows of the linear programme,
     # which is solved to 1e-7 radii.
     assert under == pytest.approx(np.full(len(under), R), abs=1e-8)
     assert at(over[:, None], crossings[0].second[1])[0] == pytest.approx(R + softness * 2 * R, abs=1e-8)
     assert over[[0, -1]] == pytest.approx([R, R], abs=1e-8)
 
 
-def test_ramps_are_bent_no_more_than_allowed() -> None:
+def test_ramps_keep_the_bending_limit() -> None:
     _, over = lay(CROSS, plan_crossings(CROSS), [False], [R, R], 1.0)
     assert np.abs(np.diff(over, 2)).max() / STEP**2 <= 1.0001 / (BEND_RADII[0] * R)
     assert np.abs(np.diff(over)).max() / STEP <= MAX_SLOPE
@@ -41,12 +41,12 @@ def test_a_third_strand_is_lifted_onto_two() -> None:
     assert [float(z.max()) for z in heights] == pytest.approx([R, 3 * R, 5 * R], rel=0.1)
 
 
-def test_strands_that_cannot_pass_each_other_are_refused() -> None:
+def test_strands_that_cannot_pass_each_other_are_rejected() -> None:
     x = np.arange(-0.04, 0.04, STEP)
     plan = [np.column_stack([x, np.zeros_like(x)]), np.column_stack([x, 0.006 * np.sin(2 * np.pi * x / 0.016 + 0.1)])]
     crossings = plan_crossings(plan)
     assert len(crossings) > 5
-    # Over and under by turns every 2 r: no string bends so.
+    # No string can alternate between over and under every 2 r.
     with pytest.raises(HeightsError, match="too close together"):
         lay(plan, crossings, [k % 2 == 0 for k in range(len(crossings))], [R, R], 1.0)
 
@@ -59,11 +59,11 @@ def test_a_thin_strand_lies_on_a_thick_one() -> None:
     assert over[[0, -1]] == pytest.approx([0.6 * R, 0.6 * R], abs=1e-8)
 
 
-def test_a_ring_has_no_step_and_no_kink_where_it_closes() -> None:
+def test_a_ring_closes_without_a_step_or_kink() -> None:
     t = np.linspace(0.0, 2 * np.pi, 361)
     ring = 0.06 * np.column_stack([np.cos(t), np.sin(t)])
     ring[-1] = ring[0]
-    # The other strand is crossed right beside the ring's joint, which is lifted with the rest.
+    # The other strand is crossed near the joint of the ring, so the joint is lifted too.
     plan = [ring, line((0.0, 0.0), (0.12, 0.004))]
     (crossing,) = crossings = plan_crossings(plan)
     ring_z, _ = lay(plan, crossings, [True], [R, R], 1.0)

@@ -1,4 +1,4 @@
-"""What the tests of the virtual controller share: the log since a moment, and waiting for something."""
+"""Helpers for tests of the virtual controller: its log since a time, and waiting for a condition."""
 
 import time
 from collections.abc import Callable
@@ -18,29 +18,29 @@ T = TypeVar("T")
 
 
 def wait_for(condition: Callable[[], T], what: str) -> T:
-    """The condition's value as soon as it is true."""
+    """Wait until a condition is true and return its value."""
     deadline_s = time.monotonic() + PATIENCE_S
     while not (value := condition()):
-        assert time.monotonic() < deadline_s, f"waited {PATIENCE_S:g} s in vain: {what}"
+        assert time.monotonic() < deadline_s, f"timeout after {PATIENCE_S:g} s: {what}"
         time.sleep(0.005)
     return value
 
 
 class LogSince:
-    """The controller's events from the moment on at which this is made."""
+    """Events of the controller since the creation of this object."""
 
     def __init__(self, admin: AdminClient) -> None:
         self._admin = admin
         self._first = admin.state().events
 
     def events(self, kind: str) -> list[dict[str, Any]]:
-        """Those of one kind, oldest first."""
+        """Return the events of one kind, oldest first."""
         return [event for event in self._admin.log(self._first) if event["kind"] == kind]
 
     def kinds(self, *of: str) -> list[str]:
-        """Which of these kinds came, in order."""
+        """Return the kinds of the events that are among `of`, in order."""
         return [event["kind"] for event in self._admin.log(self._first) if event["kind"] in of]
 
     def wait(self, kind: str) -> dict[str, Any]:
-        """The first event of that kind, awaited."""
+        """Wait for the first event of a kind and return it."""
         return wait_for(lambda: self.events(kind), f"an event {kind!r}")[0]

@@ -1,4 +1,4 @@
-"""One virtual controller for all tests of this folder that a process runs, put right before each of them."""
+"""One virtual controller for all tests of this folder in a process, reset before each test."""
 
 from collections.abc import Iterator
 
@@ -29,6 +29,6 @@ def running_fast_controller() -> Iterator[RunningController]:
 
 @pytest.fixture
 def fast_controller(running_fast_controller: RunningController) -> RunningController:
-    """One that is older, smaller, and moves faster than time."""
+    """Return a controller of an older and smaller arm that moves faster than real time."""
     running_fast_controller.admin.reset(HOME_Q_RAD)
     return running_fast_controller

@@ -1,4 +1,4 @@
-"""An RTDE client after the protocol's description, with nothing of ours or of ur_rtde in it."""
+"""An independent RTDE client, written from the description of the protocol."""
 
 import socket
 import struct
@@ -21,7 +21,7 @@ _FORMATS = {
 
 
 class RtdeClient:
-    """One connection, protocol version 2 unless told otherwise."""
+    """Connection with protocol version 2 by default."""
 
     def __init__(self, host: str, version: int = 2) -> None:
         self.socket = socket.create_connection((host, PORT), timeout=10.0)
@@ -41,16 +41,16 @@ class RtdeClient:
         self.socket.close()
 
     def send(self, kind: str, payload: bytes = b"") -> None:
-        """One package."""
+        """Send a package."""
         self.socket.sendall(struct.pack(">HB", 3 + len(payload), ord(kind)) + payload)
 
     def ask(self, kind: str, payload: bytes = b"") -> bytes:
-        """One package and the answer of the same kind."""
+        """Send a package and return the answer of the same kind."""
         self.send(kind, payload)
         return self.package(kind)
 
     def package(self, kind: str) -> bytes:
-        """The payload of the next package of that kind; texts are kept, others left out."""
+        """Return the payload of the next package of a kind. Text messages are kept, other packages are discarded."""
         while True:
             size, got = struct.unpack(">HB", self._read(3))
             payload = self._read(size - 3)
@@ -69,7 +69,7 @@ class RtdeClient:
         return data
 
     def outputs(self, names: Sequence[str], hz: float = 500.0) -> tuple[int, list[str]]:
-        """Asks for variables; their recipe's number and their types."""
+        """Request output variables and return the number of their recipe and their types."""
         head = struct.pack(">d", hz) if self._head else b""
         answer = self.ask("O", head + ",".join(names).encode())
         types = answer[self._head :].decode().split(",")
@@ -79,20 +79,20 @@ class RtdeClient:
         return answer[0] if self._head else 1, types
 
     def inputs(self, names: Sequence[str]) -> tuple[int, list[str]]:
-        """Announces variables to be written; their recipe's number and their types."""
+        """Set up input variables and return the number of their recipe and their types."""
         answer = self.ask("I", ",".join(names).encode())
         return answer[0], answer[1:].decode().split(",")
 
     def start(self) -> bool:
-        """Asks for data from now on."""
+        """Start the data stream."""
         return self.ask("S") == b"\x01"
 
     def pause(self) -> bool:
-        """Asks for no data from now on."""
+        """Pause the data stream."""
         return self.ask("P") == b"\x01"
 
     def data(self) -> dict[str, Any]:
-        """The next data package."""
+        """Return the next data package."""
         payload = self.package("U")
         assert len(payload) == self._head + self._layout.size
         flat = list(self._layout.unpack(payload[self._head :]))
@@ -104,10 +104,10 @@ class RtdeClient:
         return values
 
     def drain(self) -> None:
-        """Reads data until something goes wrong."""
+        """Read data until an error occurs."""
         while True:
             self.data()
 
     def write(self, recipe: int, layout: str, *values: float) -> None:
-        """Writes the variables of an input recipe."""
+        """Write the variables of an input recipe."""
         self.send("U", bytes([recipe]) + struct.pack(">" + layout, *values))

@@ -1,4 +1,4 @@
-"""Faults on demand, seen by real clients and by the log."""
+"""Injected faults, as clients and the log see them."""
 
 import socket
 import struct
@@ -39,7 +39,7 @@ def test_drop_resets_every_rtde_connection_once(controller: RunningController):
     assert dashboard_client.send_command(controller.host, "robotmode") == "Robotmode: RUNNING"
 
 
-def test_frozen_rtde_is_silent_both_ways_until_cleared(controller: RunningController):
+def test_frozen_rtde_is_silent_in_both_directions_until_cleared(controller: RunningController):
     log = LogSince(controller.admin)
     with streaming(controller) as client:
         recipe, _ = client.inputs(["input_int_register_0"])
@@ -54,7 +54,7 @@ def test_frozen_rtde_is_silent_both_ways_until_cleared(controller: RunningContro
         client.socket.settimeout(10.0)
         controller.admin.clear()
         client.data()
-        # What was sent into the silence arrives late, as with a cable put back.
+        # Data that were sent meanwhile arrive late, as after a reconnected cable.
         assert log.wait("command")["stamp_s"] - frozen_s > 0.3
 
 
@@ -67,12 +67,12 @@ def test_half_open_ports_accept_and_never_answer(controller: RunningController, 
             connection.recv(1)
         controller.admin.clear()
         connection.settimeout(10.0)
-        with pytest.raises(ConnectionResetError):  # with what it sent never read
+        with pytest.raises(ConnectionResetError):  # the data of the client are never read
             connection.recv(1)
     assert dashboard_client.send_command(controller.host, "robotmode") == "Robotmode: RUNNING"
 
 
-def test_unreachable_refuses_connections_and_resets_those_there_are(controller: RunningController):
+def test_unreachable_refuses_new_connections_and_resets_others(controller: RunningController):
     with streaming(controller) as client:
         controller.admin.unreachable()
         with pytest.raises(ConnectionResetError):
@@ -80,15 +80,15 @@ def test_unreachable_refuses_connections_and_resets_those_there_are(controller: 
     for port in (30004, 30003, 29999):
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection((controller.host, port), timeout=5.0)
-    controller.admin.unreachable()  # still
+    controller.admin.unreachable()  # a repetition has no effect
     controller.admin.clear()
     with streaming(controller):
         pass
 
 
-def test_late_packages_are_late(controller: RunningController):
+def test_delayed_packages_are_late(controller: RunningController):
     def lag_s(client: RtdeClient) -> float:
-        """How far the data are behind, at the least, give or take the controller's start."""
+        """Return the least delay of the data, up to the offset of the start of the controller, seconds."""
         return min(time.monotonic() - client.data()["timestamp"] for _ in range(50))
 
     with streaming(controller) as client:
@@ -96,11 +96,11 @@ def test_late_packages_are_late(controller: RunningController):
         controller.admin.slow(delay_s=0.4)
         time.sleep(0.2)
         while time.monotonic() - client.data()["timestamp"] - usual_s < 0.3:
-            pass  # sent before, and read late
+            pass  # sent before and read late
         assert lag_s(client) - usual_s == pytest.approx(0.4, abs=0.15)
 
 
-def test_seldom_packages_are_seldom(controller: RunningController):
+def test_a_reduced_rate_sends_fewer_packages(controller: RunningController):
     with streaming(controller) as client:
         controller.admin.slow(rate_hz=20.0)
         stamps = [client.data()["timestamp"]]
@@ -134,10 +134,10 @@ answer(safety=receive.getSafetyMode(), bits=receive.getSafetyStatusBits(), robot
     assert controller.admin.state().program_state == "PAUSED"
 
 
-def test_a_protective_stop_is_unlocked_after_five_seconds_and_played_the_old_move_goes_on(
+def test_an_unlocked_program_continues_its_old_move_when_played(
     controller: RunningController,
 ):
-    """The trap: only `stop` ends a paused program."""
+    """Only `stop` ends a paused program, which is the reason for the stop command of the driver."""
     log, answers = LogSince(controller.admin), []
     controller.admin.protective_stop(at_share=0.5)
     with wheel.Talk(controller.host, _MOVE + 'say("moving")', q=AWAY_Q_RAD):
@@ -169,7 +169,7 @@ def test_a_protective_stop_is_unlocked_after_five_seconds_and_played_the_old_mov
     assert ask("stop") == "Stopped"
 
 
-def test_a_program_stopped_in_a_protective_stop_does_not_go_on(controller: RunningController):
+def test_a_program_stopped_in_a_protective_stop_does_not_continue(controller: RunningController):
     log = LogSince(controller.admin)
     controller.admin.protective_stop(at_share=0.5)
     with wheel.Talk(controller.host, _MOVE + 'say("moving")', q=AWAY_Q_RAD):
@@ -181,7 +181,7 @@ def test_a_program_stopped_in_a_protective_stop_does_not_go_on(controller: Runni
     assert not controller.admin.state().moving
 
 
-def test_a_planned_stop_comes_when_it_was_planned(controller: RunningController):
+def test_a_scheduled_stop_occurs_at_its_time(controller: RunningController):
     log = LogSince(controller.admin)
     controller.admin.protective_stop(after_s=0.25)
     asked_s = log.wait("fault")["stamp_s"]
@@ -193,7 +193,7 @@ def test_a_planned_stop_comes_when_it_was_planned(controller: RunningController)
     assert len(log.events("safety")) == 2  # the stop and its end
 
 
-def test_the_safety_plane_stops_an_arm_that_comes_below_it(controller: RunningController):
+def test_the_safety_plane_stops_an_arm_below_it(controller: RunningController):
     controller.admin.table(0.40)
     log = LogSince(controller.admin)
     below = (HOME_Q_RAD + np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0])).tolist()
@@ -204,7 +204,7 @@ def test_the_safety_plane_stops_an_arm_that_comes_below_it(controller: RunningCo
     )
     assert "below the plane at 0.400 m" in log.wait("safety")["details"]["cause"]
     log.wait("still")
-    # Noticed a cycle or two late, then it brakes.
+    # The arm brakes one or two cycles later.
     assert controller.admin.pose()[2, 3] == pytest.approx(0.40, abs=0.05)
     assert log.events("motion_done") == []
 
@@ -221,7 +221,7 @@ def test_a_move_beyond_the_joint_limits_is_stopped_at_them(controller: RunningCo
     assert "joint 1 at 363" in causes[-1] or "joint 1 at 364" in causes[-1]
 
 
-def test_an_emergency_stop_under_way_ends_the_program_and_takes_the_power(controller: RunningController):
+def test_an_emergency_stop_during_a_move_ends_the_program_and_the_power(controller: RunningController):
     log = LogSince(controller.admin)
     with wheel.Talk(controller.host, _MOVE + 'say("moving")', q=AWAY_Q_RAD) as talk:
         talk.hear("moving")
@@ -239,7 +239,7 @@ def test_an_emergency_stop_under_way_ends_the_program_and_takes_the_power(contro
 
 
 @pytest.mark.parametrize("fault", ["power_off", "local_mode", "protective_stop", "emergency_stop"])
-def test_no_program_is_started_then(controller: RunningController, fault: str):
+def test_no_program_is_started_during_a_fault(controller: RunningController, fault: str):
     getattr(controller.admin, fault)()
     log = LogSince(controller.admin)
     with socket.create_connection((controller.host, 30003), timeout=5.0) as connection:
@@ -250,7 +250,7 @@ def test_no_program_is_started_then(controller: RunningController, fault: str):
     assert log.events("script_upload") == []
 
 
-def test_a_stop_by_the_dashboard_takes_effect_on_arrival_and_is_answered_at_rest(controller: RunningController):
+def test_a_dashboard_stop_acts_at_once_and_is_answered_at_rest(controller: RunningController):
     log = LogSince(controller.admin)
     with wheel.Talk(controller.host, _MOVE + 'say("moving")', q=[3.0, *HOME_Q_RAD[1:]]) as talk:
         talk.hear("moving")

@@ -24,18 +24,18 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test
 def answers(host: str, port: int) -> bool:
     try:
         socket.create_connection((host, port), timeout=1.0).close()
-    except (ConnectionRefusedError, ConnectionResetError):  # reset: it ended while we connected
+    except (ConnectionRefusedError, ConnectionResetError):  # reset: the controller ended during the connection
         return False
     return True
 
 
-def test_it_takes_connections_when_start_returns_and_leaves_nothing_when_closed():
+def test_a_started_controller_accepts_connections_and_close_ends_it():
     q_rad = HOME_Q_RAD + 0.1
     controller = start_controller("ur10e", q_rad=q_rad)
     try:
         assert controller.alive
         assert controller.host.startswith("127.0.0.")
-        assert controller.host != "127.0.0.1"  # ur_rtde leaves out its check of remote control there
+        assert controller.host != "127.0.0.1"  # ur_rtde omits its check of remote control there
         assert all(answers(controller.host, port) for port in PORTS)
         np.testing.assert_array_equal(controller.admin.state().q_rad, q_rad)
     finally:
@@ -48,12 +48,12 @@ def test_it_takes_connections_when_start_returns_and_leaves_nothing_when_closed(
         controller.admin.state()
 
 
-def test_a_taken_address_is_said_with_what_to_do(running_controller: RunningController):
+def test_a_used_address_is_reported_with_an_action(running_controller: RunningController):
     with pytest.raises(ControllerStartError, match=f"{running_controller.host}.*in use.*choose another address"):
         start_controller(host=running_controller.host)
 
 
-def test_two_started_at_once_get_two_addresses(running_controller: RunningController):
+def test_concurrently_started_controllers_have_different_addresses(running_controller: RunningController):
     with ThreadPoolExecutor(2) as pool:
         pair = list(pool.map(lambda _: start_controller(), range(2)))
     for controller in pair:
@@ -61,12 +61,12 @@ def test_two_started_at_once_get_two_addresses(running_controller: RunningContro
     assert len({running_controller.host, *(controller.host for controller in pair)}) == 3
 
 
-def test_an_address_that_is_not_ours_is_refused():
+def test_an_address_of_another_machine_is_refused():
     with pytest.raises(ControllerStartError, match=r"192\.0\.2\.1"):
         start_controller(host="192.0.2.1")
 
 
-def test_it_ends_when_its_parent_is_killed():
+def test_the_controller_ends_when_its_parent_is_killed():
     code = (
         "import sys; from cell.simulation.ur_controller.launcher import start_controller\n"
         "controller = start_controller(); print(controller.host, controller.pid, flush=True); sys.stdin.readline()"
@@ -82,7 +82,7 @@ def test_it_ends_when_its_parent_is_killed():
     wait_for(lambda: not answers(host, PORTS[0]), f"the end of process {pid}")
 
 
-def test_what_the_admin_port_does_not_know_is_refused_with_words(controller: RunningController):
+def test_the_admin_port_refuses_unknown_calls_with_a_message(controller: RunningController):
     with pytest.raises(AdminRefusedError, match="must not be negative"):
         controller.admin.slow(delay_s=-1.0)
     with pytest.raises(AdminRefusedError, match="reshape"):
@@ -94,17 +94,19 @@ def test_what_the_admin_port_does_not_know_is_refused_with_words(controller: Run
         assert "JSONDecodeError" in lines.readline()
 
 
-def test_the_pose_may_be_asked_for_often_and_after_closing(controller: RunningController):
+def test_the_pose_can_be_queried_often_and_after_closing(controller: RunningController):
     client = AdminClient(controller.host)
     np.testing.assert_allclose(client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)
     for _ in range(100):
         client.pose()
     client.close()
-    np.testing.assert_allclose(client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12)  # connects again
+    np.testing.assert_allclose(
+        client.pose(), ur_kinematics.forward("ur5e", HOME_Q_RAD), atol=1e-12
+    )  # the client connects again
     client.close()
 
 
-def test_the_reported_pose_errs_smoothly_and_the_true_one_does_not():
+def test_only_the_reported_pose_has_a_smooth_error():
     with start_controller("ur5e", free_host(), q_rad=HOME_Q_RAD, pose_error=(0.0006, 0.0026), seed=5) as controller:
         nominal = ur_kinematics.forward("ur5e", HOME_Q_RAD)
         np.testing.assert_allclose(controller.admin.pose(), nominal, atol=1e-12)

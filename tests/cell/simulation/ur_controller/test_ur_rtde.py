@@ -1,4 +1,4 @@
-"""The unmodified ur_rtde connects to the virtual controller, asks it things, and meets others there."""
+"""The unmodified ur_rtde with the virtual controller: connecting, queries, and other clients."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tests.cell.simulation.ur_controller.wheel import CONNECT
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
-def test_it_connects_and_reads(controller: RunningController):
+def test_ur_rtde_connects_and_reads_the_state(controller: RunningController):
     log = LogSince(controller.admin)
     seen = wheel.run(
         controller.host,
@@ -39,7 +39,7 @@ answer(q=receive.getActualQ(), pose=receive.getActualTCPPose(), robot=receive.ge
     assert upload["details"]["name"] == "rtde_control"
 
 
-def test_another_arm_with_older_software_too(fast_controller: RunningController):
+def test_ur_rtde_connects_to_another_arm_with_older_software(fast_controller: RunningController):
     seen = wheel.run(fast_controller.host, CONNECT + "answer(moved=control.moveJ([0.1] * 6, 1.0, 1.0))")
     assert seen["moved"]
     state = fast_controller.admin.state()
@@ -47,7 +47,7 @@ def test_another_arm_with_older_software_too(fast_controller: RunningController)
     np.testing.assert_allclose(state.T_base_flange, ur_kinematics.forward("ur3e", [0.1] * 6), atol=1e-12)
 
 
-def test_kinematics_and_limits(controller: RunningController):
+def test_the_kinematics_and_limits_are_answered(controller: RunningController):
     controller.admin.table(0.05)
     tool = [0.01, -0.02, 0.13, 0.3, -0.2, 0.1]
     q = (HOME_Q_RAD + 0.1).tolist()
@@ -81,12 +81,12 @@ answer(pose=pose, solution=control.getInverseKinematics(pose, arguments["q"]), t
     assert seen["payload"] == 1.5
     assert seen["has"] == [True, False]
     assert seen["poses"] == [True, False, False]
-    # 6.3 rad are 361 degrees; 6.4 are beyond 363. The last stretches the arm out below the plane.
+    # 6.3 rad are 361 degrees; 6.4 are beyond 363. In the last configuration the arm extends below the plane.
     assert seen["joints"] == [True, True, False, False]
     np.testing.assert_allclose(seen["trans"], [0.11, 0.2, 0.3, 0, 0, 1.0], atol=1e-12)
 
 
-def test_a_second_control_interface_is_told_that_the_registers_are_in_use(controller: RunningController):
+def test_a_second_control_interface_is_refused_because_of_its_registers(controller: RunningController):
     log = LogSince(controller.admin)
     seen = wheel.run(
         controller.host,
@@ -103,7 +103,7 @@ answer(error=None)
     assert len(log.events("script_upload")) == 1
 
 
-def test_in_local_control_it_refuses_to_connect_and_nothing_is_uploaded(controller: RunningController):
+def test_in_local_control_the_connection_is_refused_without_an_upload(controller: RunningController):
     log = LogSince(controller.admin)
     controller.admin.local_mode()
     seen = wheel.run(
@@ -120,7 +120,7 @@ answer(error=None)
     assert log.kinds("script_upload", "script_refused") == []
 
 
-def test_connecting_kills_a_foreign_program_and_the_log_says_so(controller: RunningController):
+def test_connecting_kills_a_foreign_program_which_is_logged(controller: RunningController):
     controller.admin.foreign_program("weave.urp")
     log = LogSince(controller.admin)
     seen = wheel.run(controller.host, CONNECT + "answer(running=control.isProgramRunning())")
@@ -131,7 +131,7 @@ def test_connecting_kills_a_foreign_program_and_the_log_says_so(controller: Runn
     assert (state.program, state.program_state) == ("rtde_control", "PLAYING")
 
 
-def test_scripts_of_others(controller: RunningController):
+def test_scripts_of_other_clients_run(controller: RunningController):
     log = LogSince(controller.admin)
     wheel.run(
         controller.host,
@@ -150,7 +150,7 @@ answer()
     assert log.events("motion_start") == []
 
 
-def test_a_client_of_somebody_elses_reads_and_writes(controller: RunningController):
+def test_a_third_party_client_reads_and_writes(controller: RunningController):
     seen = wheel.run(
         controller.host,
         """

@@ -1,4 +1,4 @@
-"""The unmodified ur_rtde moves and stops the virtual arm. Times are those of the controller's own log."""
+"""The unmodified ur_rtde moves and stops the virtual arm. Times are those of the controller log."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ FAR_Q_RAD = (HOME_Q_RAD + np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 MOVE_S = 1 / 1.05 + 1.05 / 1.4
 
 
-def test_an_asynchronous_move_takes_as_long_as_a_real_one_and_tells_its_progress(controller: RunningController):
+def test_an_asynchronous_move_has_its_duration_and_reports_its_progress(controller: RunningController):
     log = LogSince(controller.admin)
     seen = wheel.run(
         controller.host,
@@ -54,7 +54,7 @@ answer(before=[before.isAsyncOperationRunning(), before.operationId()], stamps=s
     assert seen["angles"][-1] == pytest.approx(AWAY_Q_RAD[0])
     assert seen["speeds"][-1] == 0.0
     assert 0.5 < max(seen["speeds"]) <= 1.05 + 1e-9
-    # The stream shows the trajectory of the log: speed is the slope, within the ramp's change over a package or two.
+    # The stream shows the trajectory of the log. The speed is the slope, up to its change during one or two packages.
     angles, stamps, speeds = (np.array(seen[name]) for name in ("angles", "stamps", "speeds"))
     moved = np.diff(stamps) > 0
     slope = np.diff(angles)[moved] / np.diff(stamps)[moved]
@@ -62,7 +62,7 @@ answer(before=[before.isAsyncOperationRunning(), before.operationId()], stamps=s
     assert np.median(np.abs(slope - middle)) < 0.02
 
 
-def test_a_stop_under_way_brakes_as_asked(controller: RunningController):
+def test_a_stop_during_a_move_brakes_with_its_deceleration(controller: RunningController):
     log = LogSince(controller.admin)
     seen = wheel.run(
         controller.host,
@@ -82,13 +82,13 @@ answer(speed=receive.getActualQd()[0], running=control.getAsyncOperationProgress
     assert still["stamp_s"] - braking["stamp_s"] == pytest.approx(1.05 / 4.0, rel=0.02)
     turned = still["details"]["q_rad"][0] - braking["details"]["q_rad"][0]
     assert turned == pytest.approx(1.05**2 / (2 * 4.0), rel=0.04)
-    # The command may be read one RTDE package before the arm stands.
+    # The command may be read one RTDE package before the arm is at rest.
     assert seen["speed"] == pytest.approx(0.0, abs=0.05)
     assert not seen["running"]
     assert seen["program"]
 
 
-def test_a_stop_of_a_synchronous_move_comes_too_late_as_with_a_real_one(controller: RunningController):
+def test_a_stop_of_a_synchronous_move_arrives_after_its_end(controller: RunningController):
     log = LogSince(controller.admin)
     wheel.run(
         controller.host,
@@ -107,7 +107,7 @@ answer()
     assert log.events("still") == []
 
 
-def test_a_client_killed_under_way_lets_the_arm_run_on_without_a_watchdog(controller: RunningController):
+def test_without_a_watchdog_the_move_of_a_killed_client_continues(controller: RunningController):
     log = LogSince(controller.admin)
     code = CONNECT + 'control.moveJ(arguments["q"], 1.05, 1.4, True); say("moving")'
     with wheel.Talk(controller.host, code, q=AWAY_Q_RAD) as talk:
@@ -117,7 +117,7 @@ def test_a_client_killed_under_way_lets_the_arm_run_on_without_a_watchdog(contro
 
 
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_client_killed_or_halted_under_way_starves_the_watchdog(controller: RunningController, end: int):
+def test_the_watchdog_expires_if_its_client_is_killed_or_suspended(controller: RunningController, end: int):
     log = LogSince(controller.admin)
     code = (
         CONNECT
@@ -135,7 +135,7 @@ for k in range(10**9):
         os.kill(talk.process.pid, end)
         expired = log.wait("watchdog_expired")
         still = log.wait("still")
-    # The log's own figures: without the time in which a loaded machine kept the controller itself, from 20 ms on.
+    # The times of the log exclude pauses of the controller process on a busy machine of 20 ms or more.
     assert 0.2 <= expired["details"]["silence_s"] < 0.2 + LATE_S + 0.005
     assert expired["stamp_s"] > ended_s
     assert 0 < still["stamp_s"] - expired["stamp_s"] <= 0.5 / 15.0 + 1e-6
@@ -145,7 +145,7 @@ for k in range(10**9):
     assert controller.admin.state().watchdog_kicks > 10
 
 
-def test_lines_and_paths(fast_controller: RunningController):
+def test_lines_and_paths_reach_their_goals(fast_controller: RunningController):
     log = LogSince(fast_controller.admin)
     seen = wheel.run(
         fast_controller.host,
@@ -167,7 +167,7 @@ answer(moved=moved, wanted=pose, there=there, path=control.moveJ(path), unreacha
     assert log.events("motion_start")[0]["details"]["duration_s"] == pytest.approx(way_m / 0.25 + 0.25 / 1.2)
     assert seen["path"]
     arrivals = [event["details"]["q_rad"] for event in log.events("motion_done")]
-    np.testing.assert_allclose(arrivals[1:], [AWAY_Q_RAD, HOME_Q_RAD], atol=1e-5)  # six digits in its text
+    np.testing.assert_allclose(arrivals[1:], [AWAY_Q_RAD, HOME_Q_RAD], atol=1e-5)  # the script text has six digits
     assert not seen["unreachable"]
     assert "out of reach" in log.wait("safety")["details"]["cause"]
 
@@ -180,7 +180,7 @@ def test_an_unreachable_pose_kills_the_program(controller: RunningController):
     assert controller.admin.state().program_state == "STOPPED"
 
 
-def test_the_time_factor_speeds_up_the_arm_and_nothing_else(fast_controller: RunningController):
+def test_the_time_factor_speeds_up_the_arm_only(fast_controller: RunningController):
     log = LogSince(fast_controller.admin)
     wheel.run(
         fast_controller.host,

@@ -1,4 +1,4 @@
-"""Runs code with the real ur_rtde in a process of its own: it may hang, crash or hold the interpreter's lock."""
+"""Run code with the real ur_rtde in a separate process, because it may hang, crash or hold the GIL."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ def _command(host: str, code: str, arguments: dict[str, Any]) -> list[str]:
 
 
 def run(host: str, code: str, **arguments: Any) -> dict[str, Any]:
-    """What the code gives to `answer`. It sees `host` and `arguments`."""
+    """Run the code, which has `host` and `arguments`, and return the values that it passes to `answer`."""
     done = subprocess.run(_command(host, code, arguments), capture_output=True, timeout=TIMEOUT_S, check=False)
     lines = [line for line in done.stdout.decode().splitlines() if line.startswith("ANSWER")]
     assert lines, f"exit code {done.returncode}, no answer:\n{done.stdout.decode()}\n{done.stderr.decode()}"
@@ -38,7 +38,7 @@ def run(host: str, code: str, **arguments: Any) -> dict[str, Any]:
 
 
 class Talk:
-    """The same under way: the code calls `say(word)` and waits there until it is ended with the block."""
+    """Running code that calls `say(word)` and waits there until the block ends its process."""
 
     def __init__(self, host: str, code: str, **arguments: Any) -> None:
         self.process = subprocess.Popen(
@@ -53,7 +53,7 @@ class Talk:
         self.process.communicate()
 
     def hear(self, word: str) -> None:
-        """Waits until the code says the word."""
+        """Wait until the code says the word."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             if line.decode().strip() == word:

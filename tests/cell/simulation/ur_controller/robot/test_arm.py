@@ -19,12 +19,12 @@ def stamps(log: EventLog, kind: str) -> list[float]:
 
 
 @pytest.mark.parametrize("cycles", [1, 7, 1000])
-def test_where_it_is_depends_on_the_clock_not_on_how_often_one_looks(cycles: int):
+def test_the_position_depends_on_the_time_and_not_on_the_number_of_queries(cycles: int):
     arm, log = new_arm()
     arm.go(joint_goal(FAR, 1.05, 1.4))
     for now_s in np.linspace(100.0, 100.9, cycles + 1)[1:]:
         arm.advance(now_s)
-    # 0.75 s of ramp, then at full speed.
+    # 0.75 s of acceleration, then full speed.
     assert arm.q[0] == pytest.approx(0.5 * 1.4 * 0.75**2 + 1.05 * 0.15)
     assert arm.qd[0] == pytest.approx(1.05)
     arm.advance(200.0)
@@ -34,7 +34,7 @@ def test_where_it_is_depends_on_the_clock_not_on_how_often_one_looks(cycles: int
     assert not arm.busy
 
 
-def test_the_time_factor_speeds_up_moves_and_stops_alike():
+def test_the_time_factor_speeds_up_moves_and_stops():
     arm, log = new_arm(time_factor=10.0)
     arm.go(joint_goal(FAR, 1.05, 1.4))
     arm.advance(100.09)
@@ -45,7 +45,7 @@ def test_the_time_factor_speeds_up_moves_and_stops_alike():
     assert arm.q[0] == pytest.approx(0.39375 + 0.1575 + 1.05**2 / (2 * 4.0))
 
 
-def test_the_speed_slider_stretches_time_and_zero_holds_it():
+def test_the_speed_slider_slows_a_move_and_zero_pauses_it():
     arm, _ = new_arm()
     arm.go(joint_goal(FAR, 1.05, 1.4))
     arm.speed_fraction = 0.5
@@ -60,7 +60,7 @@ def test_the_speed_slider_stretches_time_and_zero_holds_it():
     np.testing.assert_array_equal(arm.q, FAR)
 
 
-def test_a_new_goal_under_way_is_reached_after_a_stop():
+def test_a_new_goal_during_a_move_is_reached_after_a_stop():
     arm, log = new_arm()
     arm.go(joint_goal(FAR, 1.05, 1.4))
     arm.advance(100.8)
@@ -74,7 +74,7 @@ def test_a_new_goal_under_way_is_reached_after_a_stop():
     assert kinds == ["motion_start", "braking", "still", "motion_start", "motion_done"]
 
 
-def test_a_second_stop_makes_the_first_firmer_but_never_gentler():
+def test_a_second_stop_can_only_increase_the_deceleration():
     arm, log = new_arm()
     arm.go(joint_goal(FAR, 1.05, 1.4))
     arm.advance(100.8)
@@ -87,7 +87,7 @@ def test_a_second_stop_makes_the_first_firmer_but_never_gentler():
     assert stamps(log, "still") == [pytest.approx(100.85 + (1.05 - 4.0 * 0.05) / 40.0)]
 
 
-def test_a_pause_gives_back_where_it_was_going():
+def test_a_paused_move_continues_to_its_goal():
     arm, _ = new_arm()
     goal = joint_goal(FAR, 1.05, 1.4)
     arm.go(goal)
@@ -100,7 +100,7 @@ def test_a_pause_gives_back_where_it_was_going():
     np.testing.assert_array_equal(arm.q, FAR)
 
 
-def test_the_moment_of_a_share_is_when_that_share_is_done():
+def test_the_time_of_a_share_is_when_that_share_is_done():
     arm, _ = new_arm(time_factor=2.0)
     arm.go(joint_goal(FAR, 1.05, 1.4))
     moment_s = arm.moment_of(0.5)
@@ -109,7 +109,7 @@ def test_the_moment_of_a_share_is_when_that_share_is_done():
     assert arm.moment_of(0.5) == pytest.approx(100.7)  # it has passed
 
 
-def test_braking_by_the_tool_takes_its_speed_over_the_deceleration():
+def test_a_tool_stop_takes_the_speed_divided_by_the_deceleration():
     arm, log = new_arm()
     arm.go(joint_goal(FAR, 1.05, 1.4))
     arm.advance(100.8)

@@ -3,7 +3,7 @@ import time
 from cell.simulation.ur_controller.robot.event_log import KEPT, EventLog
 
 
-def test_events_are_numbered_and_stamped_by_the_common_clock():
+def test_events_have_a_number_and_a_monotonic_stamp():
     log, before_s = EventLog(), time.monotonic()
     log.add("first", robot="a")
     log.add("second", stamp_s=7.5)
@@ -15,7 +15,7 @@ def test_events_are_numbered_and_stamped_by_the_common_clock():
     assert log.since(log.count) == []
 
 
-def test_the_oldest_are_forgotten_and_the_numbers_go_on():
+def test_the_oldest_events_are_removed_and_the_numbers_continue():
     log = EventLog()
     for _ in range(KEPT + 10):
         log.add("event")

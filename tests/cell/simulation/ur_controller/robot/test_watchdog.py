@@ -3,7 +3,7 @@ import pytest
 from cell.simulation.ur_controller.robot.watchdog import Watchdog
 
 
-def test_it_expires_without_a_kick_in_time_and_never_while_off():
+def test_the_watchdog_expires_without_a_kick_and_never_while_off():
     watchdog = Watchdog()
     assert not watchdog.expired(1e9)
     watchdog.arm(5.0, 100.0)
@@ -12,7 +12,7 @@ def test_it_expires_without_a_kick_in_time_and_never_while_off():
     assert watchdog.expired(100.31)
 
 
-def test_time_in_which_the_controller_did_not_run_does_not_count():
+def test_the_time_of_a_suspended_controller_does_not_count():
     watchdog = Watchdog()
     watchdog.arm(5.0, 100.0)
     watchdog.excuse(100.1, 100.5)
@@ -21,8 +21,8 @@ def test_time_in_which_the_controller_did_not_run_does_not_count():
     assert watchdog.expired(100.61)
 
 
-def test_what_came_in_that_time_was_fed_at_its_end():
-    """No meal is worth more than one that comes in time."""
+def test_a_kick_during_a_suspension_counts_from_its_end():
+    """Such a kick extends the time no more than a kick in time."""
     watchdog = Watchdog()
     watchdog.arm(5.0, 100.0)
     watchdog.kick(100.5)

@@ -1,4 +1,4 @@
-"""The dashboard, with a client of somebody else's."""
+"""The dashboard server with a third-party client."""
 
 import contextlib
 import socket
@@ -18,7 +18,7 @@ def ask(controller: RunningController, command: str) -> str:
     return dashboard_client.send_command(controller.host, command, timeout=20.0)
 
 
-def test_what_it_says_of_itself(controller: RunningController):
+def test_the_state_and_the_versions_are_answered(controller: RunningController):
     assert ask(controller, "robotmode") == "Robotmode: RUNNING"
     assert ask(controller, "safetystatus") == ask(controller, "safetymode").replace("mode", "status")
     assert ask(controller, "safetymode") == "Safetymode: NORMAL"
@@ -34,7 +34,7 @@ def test_what_it_says_of_itself(controller: RunningController):
     assert ask(controller, "load weave.urp") == "File not found: weave.urp"
 
 
-def test_several_questions_on_one_connection_are_answered_in_order(controller: RunningController):
+def test_several_commands_on_one_connection_are_answered_in_order(controller: RunningController):
     with socket.create_connection((controller.host, 29999), timeout=10.0) as connection:
         connection.sendall(b"robotmode\nsafetymode\nquit\n")
         lines = connection.makefile().read().splitlines()
@@ -43,7 +43,7 @@ def test_several_questions_on_one_connection_are_answered_in_order(controller: R
     ]  # fmt: skip
 
 
-def test_with_nothing_to_stop_pause_or_play_it_says_so(controller: RunningController):
+def test_program_commands_fail_without_a_program(controller: RunningController):
     assert dashboard_client.stop_program(controller.host) == "Failed to execute: stop"
     assert dashboard_client.pause_program(controller.host) == "Failed to execute: pause"
     assert dashboard_client.play_program(controller.host) == "Failed to execute: play"
@@ -63,7 +63,7 @@ def test_a_loaded_program_is_paused_resumed_stopped_and_started(controller: Runn
     assert ask(controller, "programState") == "PLAYING weave.urp"
 
 
-def test_in_local_control_it_answers_questions_and_obeys_nothing(controller: RunningController):
+def test_in_local_control_queries_are_answered_and_commands_refused(controller: RunningController):
     controller.admin.foreign_program()
     controller.admin.local_mode()
     assert ask(controller, "is in remote control") == "false"
@@ -75,7 +75,7 @@ def test_in_local_control_it_answers_questions_and_obeys_nothing(controller: Run
     assert ask(controller, "stop") == "Stopped"
 
 
-def test_power_off_and_on(controller: RunningController):
+def test_the_power_is_switched_off_and_on(controller: RunningController):
     log = LogSince(controller.admin)
     assert ask(controller, "power off") == "Powering off"
     assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
@@ -88,12 +88,12 @@ def test_power_off_and_on(controller: RunningController):
     ]  # fmt: skip
 
 
-def test_an_emergency_stop_takes_the_power_and_is_not_released_from_here(controller: RunningController):
+def test_an_emergency_stop_switches_off_and_cannot_be_released_remotely(controller: RunningController):
     controller.admin.emergency_stop()
     assert ask(controller, "safetystatus") == "Safetystatus: ROBOT_EMERGENCY_STOP"
     assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
     assert ask(controller, "power on") == "Powering on"
-    time.sleep(0.4)  # longer than switching on would take
+    time.sleep(0.4)  # longer than the power takes to come on
     assert ask(controller, "robotmode") == "Robotmode: POWER_OFF"
     controller.admin.clear()
     assert ask(controller, "safetystatus") == "Safetystatus: NORMAL"
@@ -104,5 +104,5 @@ def test_an_endless_line_ends_the_connection(controller: RunningController):
     with socket.create_connection((controller.host, 29999), timeout=10.0) as connection:
         connection.recv(100)
         connection.sendall(b"x" * 10_000)
-        with contextlib.suppress(ConnectionResetError):  # if it came in pieces
+        with contextlib.suppress(ConnectionResetError):  # if the line arrived in parts
             assert connection.recv(100) == b""

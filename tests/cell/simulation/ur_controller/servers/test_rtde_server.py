@@ -1,4 +1,4 @@
-"""The protocol, with a client that was written from its description."""
+"""The RTDE server with an independent client."""
 
 import struct
 
@@ -12,13 +12,13 @@ from tests.cell.simulation.ur_controller.rtde_client import RtdeClient
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 
-def test_versions(controller: RunningController):
+def test_protocol_versions_are_accepted_or_refused(controller: RunningController):
     with RtdeClient(controller.host) as client:
         assert struct.unpack(">4I", client.ask("v")) == (5, 25, 1, 0)
         assert client.ask("V", struct.pack(">H", 3)) == b"\x00"
 
 
-def test_the_state_is_told_with_the_types_of_the_description(controller: RunningController):
+def test_the_state_has_the_types_of_the_protocol(controller: RunningController):
     with RtdeClient(controller.host) as client:
         recipe, types = client.outputs(
             ["timestamp", "actual_q", "actual_TCP_pose", "robot_mode", "safety_mode", "runtime_state", "joint_mode",
@@ -34,7 +34,7 @@ def test_the_state_is_told_with_the_types_of_the_description(controller: Running
         assert client.start()
         data = client.data()
     np.testing.assert_array_equal(data["actual_q"], HOME_Q_RAD)
-    # Shoulder up, forearm level, flange down.
+    # The upper arm is vertical, the forearm level, and the flange points down.
     np.testing.assert_allclose(data["actual_TCP_pose"][:3], (-0.4919, -0.1333, 0.4879), atol=1e-9)
     assert (data["robot_mode"], data["safety_mode"], data["runtime_state"]) == (7, 1, 1)
     assert (data["robot_status_bits"], data["safety_status_bits"]) == (1, 1)
@@ -51,12 +51,12 @@ def test_an_unknown_variable_is_not_found_and_the_recipe_does_not_start(controll
         assert client.inputs(["input_int_register_30", "output_int_register_1"]) == (0, ["INT32", "NOT_FOUND"])
 
 
-def test_an_input_register_has_one_owner_until_it_leaves(controller: RunningController):
+def test_an_input_register_has_one_owner_until_it_disconnects(controller: RunningController):
     names = ["input_int_register_40", "input_double_register_40"]
     with RtdeClient(controller.host) as second:
         with RtdeClient(controller.host) as first:
             assert first.inputs(names) == (1, ["INT32", "DOUBLE"])
-            assert first.inputs(names[:1]) == (2, ["INT32"])  # its own register may be in several recipes
+            assert first.inputs(names[:1]) == (2, ["INT32"])  # the owner may use its register in several recipes
             assert second.inputs(names) == (0, ["IN_USE", "IN_USE"])
             assert second.inputs(["input_int_register_41"]) == (1, ["INT32"])
         wait_for(lambda: second.inputs(names)[0], "the registers are free again")
@@ -73,7 +73,7 @@ def test_written_registers_are_read_back(controller: RunningController):
         assert list(client.data().values()) == [-7, 2.5, True, 0xDEADBEEF]
 
 
-def test_speed_slider_and_digital_outputs_obey_their_masks(controller: RunningController):
+def test_the_speed_slider_and_digital_outputs_follow_their_masks(controller: RunningController):
     with RtdeClient(controller.host) as client:
         slider, _ = client.inputs(["speed_slider_mask", "speed_slider_fraction"])
         standard, _ = client.inputs(["standard_digital_output_mask", "standard_digital_output"])
@@ -90,7 +90,7 @@ def test_speed_slider_and_digital_outputs_obey_their_masks(controller: RunningCo
         wait_for(lambda: client.data()["actual_digital_output_bits"] == 0, "the outputs are off")
 
 
-def test_more_than_fits_into_a_package_is_refused(controller: RunningController):
+def test_a_recipe_beyond_the_size_of_a_package_is_refused(controller: RunningController):
     with RtdeClient(controller.host) as client:
         assert client.outputs(["actual_q"] * 1500)[0] == 0
         assert not client.start()
@@ -98,19 +98,19 @@ def test_more_than_fits_into_a_package_is_refused(controller: RunningController)
 
 
 @pytest.mark.parametrize("hz", [500.0, 125.0])
-def test_the_stream_keeps_its_rate_by_the_controllers_clock(controller: RunningController, hz: float):
+def test_the_stream_keeps_its_rate_by_the_clock_of_the_controller(controller: RunningController, hz: float):
     with RtdeClient(controller.host) as client:
         client.outputs(["timestamp"], hz)
         client.start()
         stamps = np.array([client.data()["timestamp"] for _ in range(200)])
     gaps = np.diff(stamps)
     assert gaps.min() > 0
-    # Never more packages than asked for, but for one that makes up for a late one; a busy machine leaves some out.
+    # At most one package more than requested, which follows a late one. A busy machine omits some.
     assert (stamps[-1] - stamps[0]) * hz >= len(gaps) - 2
     assert np.median(gaps) < 3 / hz
 
 
-def test_pause_and_start_again(controller: RunningController):
+def test_the_stream_can_be_paused_and_started_again(controller: RunningController):
     with RtdeClient(controller.host) as client:
         client.outputs(["timestamp"])
         assert client.start()
@@ -124,7 +124,7 @@ def test_pause_and_start_again(controller: RunningController):
         client.data()
 
 
-def test_what_can_not_be_read_is_complained_of_and_the_rest_goes_on(controller: RunningController):
+def test_invalid_packages_are_reported_and_the_connection_continues(controller: RunningController):
     with RtdeClient(controller.host) as client:
         client.write(7, "i", 1)
         recipe, _ = client.inputs(["input_int_register_44"])
@@ -139,7 +139,7 @@ def test_what_can_not_be_read_is_complained_of_and_the_rest_goes_on(controller: 
         assert "unknown package type 88" in client.messages[2]
 
 
-def test_a_rate_that_is_none_is_refused(controller: RunningController):
+def test_an_invalid_rate_is_refused(controller: RunningController):
     with RtdeClient(controller.host) as client:
         for hz in (0.0, -1.0, 501.0, float("nan")):
             client.send("O", struct.pack(">d", hz) + b"timestamp")
