@@ -41,7 +41,7 @@ NOISE_FREE = Noise(pixel_px=0.0, robot_m=0.0, robot_rad=0.0)
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What a calibration is solved from, and what it ought to find."""
+    """Observations for a calibration, and the truth."""
 
     observations: Observations
     X: NDArray[np.float64]
@@ -49,11 +49,11 @@ class Recorded:
     K: NDArray[np.float64]
     board_scale: float
     T_camera_board: NDArray[np.float64]
-    """(N, 4, 4) true."""
+    """True poses (N, 4, 4)."""
 
     @property
     def T_base_flange(self) -> NDArray[np.float64]:
-        """(N, 4, 4) reported flange poses."""
+        """Reported flange poses (N, 4, 4)."""
         return self.observations.T_base_flange
 
 
@@ -65,7 +65,7 @@ def look_at(
     The camera is tilted by `tilt` from the vertical towards `azimuth`. The x axis of its image is parallel to the
     board, apart from a rotation by `roll` about the line of sight.
     """
-    # The board's z points away from the viewer, so that the camera is at negative z.
+    # The z axis of the board points away from the viewer, so the camera is at negative z.
     away = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), -np.cos(tilt)])
     level = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
     upright = np.column_stack([level, np.cross(-away, level), -away])
@@ -76,7 +76,7 @@ def look_at(
 
 
 def random_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """From 0.3 to 0.5 m, tilted by up to 40 degrees any way, rolled at will."""
+    """Return camera poses at 0.3 to 0.5 m with tilts of up to 40 degrees in all directions and any roll."""
     return np.array(
         [
             look_at(
@@ -108,7 +108,7 @@ def realistic_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 def orbit_plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Views that do not determine the board's size: all from one distance, aimed at the middle."""
+    """Return camera poses at one distance towards the middle, which do not determine the size of the board."""
     return np.array(
         [
             look_at(
@@ -130,7 +130,7 @@ def record(
     mounting: Mounting = "eye-in-hand",
     board: Board = BOARD,
 ) -> Recorded:
-    """`count` views of a random cell, the same for the same seed."""
+    """Return `count` views of a random cell. The same seed gives the same views."""
     rng = np.random.default_rng(seed)
     noise = noise or Noise()
     T_board_middle = np.eye(4)
@@ -158,13 +158,13 @@ def record(
 
 
 def with_poses(observations: Observations, T_base_flange: NDArray[np.float64]) -> Observations:
-    """The same images with other poses (N, 4, 4)."""
+    """Return the same images with other poses (N, 4, 4)."""
     views = (replace(view, T_base_flange=T) for view, T in zip(observations.views, T_base_flange, strict=True))
     return replace(observations, views=tuple(views))
 
 
 def with_swapped_pictures(observations: Observations, first: int, second: int) -> Observations:
-    """Two images are swapped between their poses."""
+    """Return observations with two images swapped between their poses."""
     order = list(range(len(observations.views)))
     order[first], order[second] = second, first
     views = (
@@ -175,7 +175,7 @@ def with_swapped_pictures(observations: Observations, first: int, second: int) -
 
 
 def with_turned_board(observations: Observations, index: int) -> Observations:
-    """The board is numbered from the opposite corner in one image."""
+    """Return observations with the board numbered from the opposite corner in one image."""
     views = list(observations.views)
     view = views[index]
     views[index] = replace(view, ids=len(observations.board.points) - 1 - view.ids)
@@ -183,29 +183,29 @@ def with_turned_board(observations: Observations, index: int) -> Observations:
 
 
 def error_of(X: NDArray[np.float64], truth: NDArray[np.float64]) -> tuple[float, float]:
-    """How far `X` is off: degrees and millimetres."""
+    """Return the error of `X` in degrees and millimetres."""
     return float(np.degrees(rotation_angle(inverse(truth) @ X))), float(1e3 * np.linalg.norm(X[:3, 3] - truth[:3, 3]))
 
 
 def squared_error_in_sigmas(result: HandEyeResult, truth: NDArray[np.float64]) -> float:
-    """The error of X against its own covariance: 6 on average where that is honest (NEES)."""
+    """Return the squared error of X normalised by its covariance (NEES), 6 on average for a correct covariance."""
     difference = inverse(result.X) @ truth
     error = np.concatenate([Rotation.from_matrix(difference[:3, :3]).as_rotvec(), difference[:3, 3]])
     return float(error @ np.linalg.solve(result.covariance, error))
 
 
 def _in_hand(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A camera beside the flange, turned at will about its view and a little askew; a board on the table."""
+    """Return X and Y of a camera beside the flange with any roll and a small tilt, and of a board on the table."""
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)) * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
     X = from_rotation_vector(rng.uniform(-0.08, 0.08, 3) + [0, 0, 0.05], turn.as_rotvec())
-    # The board's z points into the table.
+    # The z axis of the board points into the table.
     face_up = Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)])
     Y = from_rotation_vector([rng.uniform(0.35, 0.6), rng.uniform(-0.3, 0.3), 0.01], face_up.as_rotvec())
     return X, Y
 
 
 def _to_hand(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A camera above the cell that looks down; a board on the flange."""
+    """Return X and Y of a camera above the cell that looks down, and of a board on the flange."""
     down = Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)]) * Rotation.from_rotvec(rng.normal(0, 0.1, 3))
     X = from_rotation_vector([rng.uniform(0.35, 0.6), rng.uniform(-0.3, 0.3), 1.0], down.as_rotvec())
     turn = Rotation.from_rotvec(rng.normal(0, 0.1, 3)) * Rotation.from_euler("xz", [np.pi, rng.uniform(-np.pi, np.pi)])
@@ -214,7 +214,7 @@ def _to_hand(rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def _seen(T_camera_board: NDArray[np.float64], board: Board, scale: float):
-    """Numbers (N,) and exact pixels (N, 2) of the corners within the picture."""
+    """Return the numbers (N,) and exact pixels (N, 2) of the corners within the image."""
     points = scale * board.points @ T_camera_board[:3, :3].T + T_camera_board[:3, 3]
     pixels = points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + K[:2, 2]
     inside = (points[:, 2] > 0) & (pixels > 8).all(axis=1) & (pixels < np.array(IMAGE) - 9).all(axis=1)

@@ -1,4 +1,4 @@
-"""Pictures of a board as a camera would take them: each pixel the mean over its area, blurred and noisy."""
+"""Rendered images of a board. Each pixel is the mean over its area, with blur and noise."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,17 +23,17 @@ TEXTURE = 128
 
 @dataclass(frozen=True)
 class Light:
-    """What lies between the board and the picture."""
+    """Light, blur and noise of an image."""
 
     black: float = 30.0
     white: float = 215.0
     table: float = 110.0
     falloff: float = 0.25
-    """How much darker the picture's corner is than its middle."""
+    """Share by which the corner of the image is darker than its middle."""
     blur_px: float = 0.6
-    """Standard deviation of the lens's blur."""
+    """Standard deviation of the blur of the lens, pixels."""
     noise: float = 2.0
-    """Standard deviation of the sensor's noise, grey levels."""
+    """Standard deviation of the noise of the sensor, grey levels."""
 
 
 @lru_cache(maxsize=32)
@@ -42,7 +42,7 @@ def _picture(board: Board, margin_pitches: float, dots: tuple[float, float]) -> 
 
 
 def image_size(K: NDArray[np.float64]) -> tuple[int, int]:
-    """Width and height of the picture of a camera whose principal point is in its middle."""
+    """Return width and height of the image of a camera with the principal point in the middle."""
     return round(2 * K[0, 2] + 1), round(2 * K[1, 2] + 1)
 
 
@@ -68,7 +68,7 @@ def board_before_camera(
 
 
 def true_pixels(board: Board, T_camera_board: NDArray[np.float64], K: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 2) where all of the board's corners are in the picture, in it or outside."""
+    """Return the true pixels (N, 2) of all corners of the board, inside or outside the image."""
     seen = transform_points(T_camera_board, board.points) @ K.T
     return seen[:, :2] / seen[:, 2:]
 
@@ -82,20 +82,20 @@ def render(
     margin_pitches: float = 0.7,
     dots: tuple[float, float] = DOT_DIAMETERS,
 ) -> NDArray[np.uint8]:
-    """(H, W) the picture of a board with so wide a white margin, on a grey table."""
+    """Return the image (H, W) of a board with a white margin on a grey table."""
     light = light or Light()
     width, height = image_size(K)
     picture = _picture(board, margin_pitches, dots)
     scale, (u0, v0) = picture.pixels_per_m, picture.origin_px
     board_of_texture = np.array([[1 / scale, 0, -u0 / scale], [0, 1 / scale, -v0 / scale], [0, 0, 1]])
     image_of_texture = K @ T_camera_board[:3, [0, 1, 3]] @ board_of_texture
-    # Only where the paper is: what is fine is large.
+    # Only the pixels of the paper are sampled, because fine sampling needs much memory.
     rows, columns = picture.pixels.shape
     corners = np.array([[0, 0, 1], [columns, 0, 1], [columns, rows, 1], [0, rows, 1]]) @ image_of_texture.T
     corners = corners[:, :2] / corners[:, 2:]
     left, top = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 2, 0)
     right, bottom = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 3, [width, height])
-    # The centre of pixel (left, top) is the mean of its samples' centres.
+    # The centre of the pixel (left, top) is the mean of the centres of its samples.
     shift = (SAMPLES - 1) / 2 - SAMPLES * np.array([left, top])
     fine_of_image = np.array([[SAMPLES, 0, shift[0]], [0, SAMPLES, shift[1]], [0, 0, 1.0]])
     fine = cv2.warpPerspective(

@@ -1,4 +1,4 @@
-"""A calibration's folder with rendered images and a known answer."""
+"""A calibration folder with rendered images and a known solution."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ ROBOT_M, ROBOT_RAD = 1e-4, float(np.radians(0.02))
 def rendered_folder(
     folder: Path, board: Board | None = None, views: int = 12, held_out: int = 2, mirrored: bool = False
 ) -> Path:
-    """Images of 640 x 400 pixels of a board on a table, taken as a cell would; the last are held out."""
+    """Write images of 640 x 400 pixels of a board on a table from poses of a cell. The last are held out."""
     rng = np.random.default_rng(2)
     board = board or Board()
     write_setup(folder, Setup(board, K_640, image_size(K_640), camera_id="19443010", robot_serial="20225500123"))

@@ -1,4 +1,4 @@
-"""Files that survive a loss of power; errors name the final file."""
+"""Atomic writes: a file is replaced as a whole, and errors name the final file."""
 
 from pathlib import Path
 
@@ -24,4 +24,4 @@ def test_an_error_names_the_final_file(tmp_path: Path) -> None:
             replace_synced(path, b"{}")
         assert (failed.value.filename, failed.value.filename2) == (str(path), None)
         assert ".part" not in str(failed.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["folder"], "nothing is left beside it"
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"], "no temporary file is left"

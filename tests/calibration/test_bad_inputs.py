@@ -1,4 +1,4 @@
-"""Bad recordings through the public entry: each mistake is refused by its own name, whichever cell it is made in."""
+"""Bad inputs of the public solver. Each mistake is refused by its name, in many random cells."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,12 +30,12 @@ VIEWS = 12
 
 
 def seeds(quick: int, all_of_them: int = 30) -> list:
-    """The first ones always, all of them in long runs."""
+    """Return the first seeds, and all others as soak tests."""
     return [pytest.param(seed, marks=[] if seed < quick else [pytest.mark.soak]) for seed in range(all_of_them)]
 
 
 def outcome(observations: Observations) -> tuple[str | None, HandEyeResult | None]:
-    """The first code that speaks against them, None for none, and the result if there was one."""
+    """Return the first blocking code (None: there is none), and the result if there is one."""
     try:
         result = solve_hand_eye(observations)
     except HandEyeInputError as error:
@@ -115,14 +115,14 @@ def with_another_tool(T: Poses, rng: np.random.Generator) -> Poses:
 
 
 def camera_moved(T: Poses, rng: np.random.Generator) -> Poses:
-    """In the cell: the later pictures are those of poses that differ in the base's frame."""
+    """Move a fixed camera: the later images belong to poses that differ in the base frame."""
     result = T.copy()
     result[VIEWS // 2 :] = from_rotation_vector([0.03, -0.01, 0.0], [0.0, 0.0, 0.02]) @ T[VIEWS // 2 :]
     return result
 
 
 def board_moved(offset_m: float) -> Spoil:
-    """On the table: the later pictures are those of poses that differ by what the board moved."""
+    """Move the board on the table: the later images belong to poses that differ by its displacement."""
 
     def spoil(T: Poses, rng: np.random.Generator) -> Poses:
         azimuth = rng.uniform(-np.pi, np.pi)
@@ -153,7 +153,7 @@ MISTAKES = [
     Mistake(in_degrees, "degrees"),
     Mistake(as_euler_angles, "euler-angles"),
     Mistake(with_another_tool, "tcp-changed", ("eye-in-hand",)),
-    # A board on the flange that slipped looks the same; the words name both.
+    # A board that slipped on the flange is equivalent, so the message names both.
     Mistake(with_another_tool, "board-moved", ("eye-to-hand",)),
     Mistake(camera_moved, "camera-moved", ("eye-to-hand",)),
     Mistake(board_moved(0.003), "board-moved", ("eye-in-hand",)),
@@ -172,13 +172,13 @@ def test_a_mistake_with_poses_is_refused_by_name(mistake, mounting, seed):
     assert refusal(with_poses(good.observations, poses)) == mistake.code
 
 
-def test_five_views_are_too_few():
+def test_five_views_are_refused():
     observations = recorded(1).observations
     assert refusal(replace(observations, views=observations.views[:5])) == "too-few-views"
 
 
-def test_pictures_that_are_mirrored():
-    # A detector of markers refuses the image itself. For other boards, or corners from elsewhere, the poses show it.
+def test_mirrored_images_are_refused():
+    # A marker detector refuses the image. For other boards and detectors, the poses reveal it.
     observations = recorded(2).observations
     width = observations.image_size[0]
     views = tuple(
@@ -189,7 +189,7 @@ def test_pictures_that_are_mirrored():
 
 
 @pytest.mark.parametrize("seed", seeds(quick=6))
-def test_a_board_that_slid_by_a_millimetre_does_little_harm(seed):
+def test_a_board_displacement_of_one_millimetre_has_little_effect(seed):
     good = record(seed, 15, plan=realistic_plan)
     poses = board_moved(0.001)(good.T_base_flange, np.random.default_rng(seed))
     code, result = outcome(with_poses(good.observations, poses))
@@ -210,7 +210,7 @@ def test_a_board_of_another_size_is_refused(share, seed):
     ("change", "code"),
     [((0, 0, 30, 0), "optical-axis"), ((0, 0, 0, -30), "optical-axis"), ((0.008, -0.008, 0, 0), "focal-length")],
 )
-def test_a_camera_matrix_that_is_another_camera_s_is_refused(change, code, seed):
+def test_the_matrix_of_another_camera_is_refused(change, code, seed):
     observations = recorded(seed).observations
     K = observations.K.copy()
     K[[0, 1], [0, 1]] *= 1 + np.array(change[:2])
@@ -223,7 +223,7 @@ def test_a_camera_matrix_that_is_another_camera_s_is_refused(change, code, seed)
 @pytest.mark.parametrize("seed", seeds(quick=2))
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("k1", [-0.1, 0.1])
-def test_pictures_that_are_said_to_be_straight_and_are_not(k1, mounting, seed):
+def test_undeclared_lens_distortion_is_refused(k1, mounting, seed):
     straight = recorded(seed, mounting).observations
     views = []
     for view in straight.views:
@@ -240,12 +240,12 @@ def test_pictures_that_are_said_to_be_straight_and_are_not(k1, mounting, seed):
 @pytest.mark.parametrize("seed", seeds(quick=3))
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("share", [0.0, 0.005])
-def test_an_orbit_at_one_distance_is_flagged_and_its_covariance_allows_for_the_board(share, mounting, seed):
+def test_an_orbit_at_one_distance_has_a_warning_and_a_larger_covariance(share, mounting, seed):
     good = record(seed, 15, Noise(scale=share), orbit_plan, mounting)
     _, result = outcome(good.observations)
     assert result is not None
     assert "board-scale-unverified" in [finding.code for finding in result.findings]
-    # Half a per cent of 0.4 m is 2 mm, which the orbit cannot see: within three of the reported sigmas.
+    # 0.5 % of 0.4 m is 2 mm, which an orbit does not determine: within three of the reported sigmas.
     assert error_of(result.X, good.X)[1] <= 3 * 1e3 * result.sigma_m
 
 
@@ -257,5 +257,5 @@ def test_good_views_are_accepted(seed, mounting):
     assert code is None
     assert result is not None
     assert result.verdict == "accept"
-    # No sharper than the solver's own tests: 12 views, 0.8 mm with certainty.
+    # The limits are those of the tests of the solver: 0.8 mm for 12 views.
     assert error_of(result.X, good.X)[1] <= 0.8

@@ -27,7 +27,7 @@ WRONG = ["swapped", "stale", "off by 10 mm", "turned"]
 
 
 def spoilt(recorded: Recorded, how: str) -> tuple[Observations, dict[str, str]]:
-    """The views with a mistake in them, and by name what its reason must say."""
+    """Return views with a mistake, and the expected part of the reason by the name of each wrong view."""
     observations, poses = recorded.observations, recorded.T_base_flange
     match how:
         case "swapped":
@@ -72,7 +72,7 @@ def test_exact_views_give_the_exact_camera(mounting: Mounting) -> None:
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("how", WRONG)
-def test_wrong_views_are_named_and_do_no_harm(how: str, mounting: Mounting) -> None:
+def test_wrong_views_are_named_and_excluded(how: str, mounting: Mounting) -> None:
     check_named(range(3), how, mounting)
 
 
@@ -82,8 +82,8 @@ def test_wrong_views_are_named_30_times_of_30(how: str) -> None:
     check_named(range(30), how, "eye-in-hand")
 
 
-def test_a_barely_wrong_view_is_found_too() -> None:
-    # A millimetre, among errors of 0.1 mm and 0.02 degrees (0.15 mm at the board).
+def test_a_slightly_wrong_view_is_detected() -> None:
+    # One millimetre among errors of 0.1 mm and 0.02 degrees (0.15 mm at the board).
     recorded = record(4, 15, plan=realistic_plan)
     poses = recorded.T_base_flange
     poses[9, :3, 3] += (0.0, 0.0, 0.0012)
@@ -91,25 +91,25 @@ def test_a_barely_wrong_view_is_found_too() -> None:
     assert [view.name for view in result.views if not view.used] == ["10"]
 
 
-def test_the_board_s_size_is_found() -> None:
+def test_the_board_size_is_estimated() -> None:
     for seed in range(4):
         result = solve_hand_eye(record(seed, 15, Noise(scale=0.01), plan=realistic_plan).observations)
-        # The prior of 0.2 % draws it towards the given size by (sigma / prior)^2, some 15 %, at most 0.2 %.
+        # The prior of 0.2 % pulls it towards the given size by (sigma / prior)^2, about 15 %, at most 0.2 %.
         assert result.board_scale - 1 == pytest.approx(0.01, abs=0.002 + 3 * result.board_scale_sigma)
         assert result.verdict == "refuse"
         assert any(finding.code == "board-scale" for finding in result.findings)
 
 
-def test_from_one_distance_the_board_s_size_stays_open() -> None:
+def test_the_board_size_is_undetermined_from_one_distance() -> None:
     result = solve_hand_eye(record(0, 15, plan=orbit_plan).observations)
     assert result.board_scale_sigma > 0.0015
-    # The reported covariance allows for it, and so does the predicted repeatability.
+    # The reported covariance and the predicted repeatability include it.
     assert result.sigma_m > 0.0015
     assert result.repeatability_95_m > 2 * result.sigma_m
     assert [finding.code for finding in result.findings] == ["board-scale-unverified"]
 
 
-def test_distorted_pictures_are_straightened() -> None:
+def test_distorted_images_are_undistorted() -> None:
     import cv2
 
     recorded = record(5, 12, NOISE_FREE)
@@ -124,7 +124,7 @@ def test_distorted_pictures_are_straightened() -> None:
         views.append(replace(view, pixels=pixels.reshape(-1, 2).astype(np.float64)))
     result = solve_hand_eye(replace(observations, views=tuple(views), distortion=distortion))
     degrees, millimetres = error_of(result.X, recorded.X)
-    # The pictures are exact, and so is their straightening.
+    # The images and their undistortion are exact.
     assert degrees < 1e-5
     assert millimetres < 1e-4
 
@@ -139,13 +139,13 @@ def test_the_result_reports_every_view() -> None:
     assert wrong.loo_error_m == pytest.approx(0.01, abs=0.001)
     for view in result.views:
         assert view.corners == 70
-        # 140 coordinates of 0.2 px.
+        # 140 coordinates with noise of 0.2 px.
         assert view.rms_px == pytest.approx(0.2, rel=0.35)
         assert view.distance_m == pytest.approx(0.4, abs=0.08)
         if view.used:
             assert view.robot_error_m is not None
             assert view.robot_error_m < 5e-4
-    # The board's middle through a robot off by 0.1 mm and 0.02 degrees at 0.45 m, and the picture's own error.
+    # The middle of the board with robot errors of 0.1 mm and 0.02 degrees at 0.45 m, and the error of the image.
     assert 1e-4 < result.loo_error_m < 6e-4
     assert result.repeatability_95_m < 2e-3
     assert result.robot_sigma_m < 3e-4
@@ -162,7 +162,7 @@ def test_views_without_the_board_are_named() -> None:
     assert result.verdict == "accept"
 
 
-def test_views_that_show_too_little_of_the_board_do_not_speak_against_the_others() -> None:
+def test_views_that_show_too_little_of_the_board_do_not_affect_the_others() -> None:
     recorded = record(7, 12, plan=realistic_plan)
     views = list(recorded.observations.views)
     for k in (1, 4, 7, 10):
@@ -172,7 +172,7 @@ def test_views_that_show_too_little_of_the_board_do_not_speak_against_the_others
     assert result.verdict == "accept"
 
 
-def test_a_view_without_any_corner_of_a_camera_that_distorts() -> None:
+def test_a_view_without_corners_of_a_distorting_camera_is_named() -> None:
     recorded = record(7, 12, plan=realistic_plan)
     views = list(recorded.observations.views)
     views[4] = replace(views[4], ids=views[4].ids[:0], pixels=views[4].pixels[:0])
@@ -182,7 +182,7 @@ def test_a_view_without_any_corner_of_a_camera_that_distorts() -> None:
     assert result.verdict == "accept"
 
 
-def test_one_picture_for_all_poses() -> None:
+def test_the_same_image_at_all_poses_is_refused() -> None:
     observations = record(9, 12, plan=realistic_plan).observations
     first = observations.views[0]
     views = tuple(replace(view, ids=first.ids, pixels=first.pixels) for view in observations.views)
@@ -193,19 +193,19 @@ def test_one_picture_for_all_poses() -> None:
 
 @pytest.mark.parametrize("name", ["pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"])
 @pytest.mark.parametrize("value", [0.0, -0.001, float("nan"), float("inf")])
-def test_what_is_assumed_must_be_standard_deviations(name: str, value: float) -> None:
+def test_invalid_noise_priors_are_rejected(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} is .*small one"):
         replace(NoisePriors(), **{name: value})
 
 
-def test_what_is_known_exactly_is_assumed_nearly_so() -> None:
+def test_a_noise_prior_of_zero_is_replaced_by_a_small_one() -> None:
     recorded = record(1, 12, plan=realistic_plan)
     result = solve_hand_eye(recorded.observations, NoisePriors(focal=1e-9, centre=1e-9, scale=1e-9))
     assert result.verdict == "accept"
     assert result.board_scale == pytest.approx(1.0, abs=1e-6)
 
 
-def test_no_view_with_the_board_is_refused_in_words() -> None:
+def test_views_without_the_board_are_refused_with_a_message() -> None:
     recorded = record(8, 10)
     rng = np.random.default_rng(0)
     views = tuple(replace(view, pixels=rng.uniform(20, 700, view.pixels.shape)) for view in recorded.observations.views)

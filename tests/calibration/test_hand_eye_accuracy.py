@@ -1,6 +1,6 @@
-"""How exact and how honest the solver is, over many cells drawn at random: a few of them always, 200 in the soak.
+"""Accuracy and consistency of the solver over many random cells: a few by default, 200 in the soak test.
 
-Errors are degrees and millimetres of X; the figures to be met are those of the project.
+Errors are those of X in degrees and millimetres. The limits are those of the project.
 """
 
 from collections.abc import Callable
@@ -36,12 +36,12 @@ COVERED = 12.592
 
 @dataclass(frozen=True)
 class Figures:
-    """Of many calibrations."""
+    """Errors of many calibrations."""
 
     errors: NDArray[np.float64]
-    """(S, 2) degrees and millimetres."""
+    """Errors (S, 2), degrees and millimetres."""
     squares: NDArray[np.float64]
-    """(S,) in standard deviations."""
+    """Squared errors (S,) in standard deviations."""
 
     @property
     def median(self) -> NDArray[np.float64]:
@@ -72,12 +72,12 @@ def solved(
 
 
 def some(noise: Noise) -> Callable[[int], Recorded]:
-    """From 15 to 25 views."""
+    """Return a function that records 15 to 25 views of a random cell."""
     return lambda seed: record(seed, 15 + seed % 11, noise)
 
 
 def by_park(recorded: Recorded) -> NDArray[np.float64]:
-    """X (4, 4) by OpenCV."""
+    """Return X (4, 4) by the method of Park in OpenCV."""
     import cv2
 
     A, B = recorded.T_base_flange, estimate_board_poses(stack_corners(recorded.observations)).T_camera_board
@@ -94,13 +94,13 @@ def by_park(recorded: Recorded) -> NDArray[np.float64]:
 
 
 @SEEDS
-def test_a_nominal_camera_and_board(count: int) -> None:
+def test_accuracy_with_a_nominal_camera_and_board(count: int) -> None:
     recorded, results = solved(count, some(Noise()), NOMINAL)
     found = figures(recorded, results)
     assert (found.median <= (0.03, 0.16)).all()
     assert (found.p95 <= (0.06, 0.30)).all()
     park = np.array([error_of(by_park(each), each.X) for each in recorded])
-    # A quarter better in place; in direction it is some 20 %. Of a few cells, the median scatters too much.
+    # The position is 25 % better, and the direction about 20 %. The median of a few cells scatters too much.
     if count >= 200:
         assert found.median[1] <= 0.75 * np.median(park[:, 1])
         assert found.p95[1] <= 0.75 * np.percentile(park[:, 1], 95)
@@ -109,8 +109,8 @@ def test_a_nominal_camera_and_board(count: int) -> None:
 
 
 @SEEDS
-def test_a_camera_and_a_board_not_known_exactly_cost_some_of_it(count: int) -> None:
-    # Camera and board are as given here too, but the solver does not rely on it.
+def test_accuracy_without_exact_knowledge_of_camera_and_board(count: int) -> None:
+    # The given camera and board are exact here too, but the solver estimates them.
     found = figures(*solved(count, some(Noise())))
     assert (found.median <= (0.04, 0.25)).all()
     assert (found.p95 <= (0.08, 0.60)).all()
@@ -128,14 +128,14 @@ def test_a_camera_and_a_board_not_known_exactly_cost_some_of_it(count: int) -> N
 )
 def test_more_noise_than_the_prior_is_reported(count: int, noise: Noise, priors: NoisePriors) -> None:
     found = figures(*solved(count, some(noise), priors))
-    # The mean of 16 scatters by 0.9 about 6, and one cell in 16 is 0.06.
+    # The mean of 16 values scatters by 0.9 about 6, and one cell of 16 is a share of 0.06.
     few = count < 200
     assert 5.0 - few <= found.squares.mean() <= 8.0 + few
     assert found.coverage >= 0.88 - 0.06 * few
 
 
 @MORE_SEEDS
-def test_ten_views_with_everything_off_a_little(count: int) -> None:
+def test_accuracy_of_ten_views_with_all_errors(count: int) -> None:
     def make(seed: int) -> Recorded:
         rng = np.random.default_rng(seed + 10**6)
         centre_px = (rng.normal(0, 1.2), rng.normal(0, 1.2))
@@ -150,7 +150,7 @@ def test_ten_views_with_everything_off_a_little(count: int) -> None:
 
 @SEEDS
 @pytest.mark.parametrize("focal", [0.003, pytest.param(-0.003, marks=pytest.mark.soak)])
-def test_a_focal_length_that_is_off(count: int, focal: float) -> None:
+def test_accuracy_with_a_wrong_focal_length(count: int, focal: float) -> None:
     found = figures(*solved(count, some(Noise(focal=focal))))
     assert (found.p95 <= (0.10, 0.7)).all()
 

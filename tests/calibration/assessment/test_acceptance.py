@@ -1,4 +1,4 @@
-"""Every limit has its own code, words with the measured value, the limit and what to do, and is met from both sides."""
+"""Every limit is tested from both sides. Its message has a code, the measured value, the limit and an action."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def codes(evidence: Evidence) -> list[str]:
 
 
 def with_sigmas(sigma_m: float, sigma_rad: float) -> Evidence:
-    """Of the place and of the direction, all axes together."""
+    """Return evidence with these sigmas of position and direction, all axes together."""
     return replace(GOOD, covariance=np.diag([sigma_rad**2 / 3] * 3 + [sigma_m**2 / 3] * 3))
 
 
@@ -71,7 +71,7 @@ def test_a_good_calibration_passes():
     assert acceptance_findings(GOOD) == ()
 
 
-def test_a_solution_that_still_moved_is_refused():
+def test_a_solution_that_did_not_converge_is_refused():
     finding = acceptance_findings(replace(GOOD, converged=False))[0]
     assert finding.code == "not-settled"
     assert finding.blocking
@@ -98,7 +98,7 @@ def test_a_solution_that_still_moved_is_refused():
         (using(7), "too-few-views", "7 views", "8"),
     ],
 )
-def test_beyond_a_limit(evidence, code, measured, limit):
+def test_a_value_beyond_a_limit_is_refused(evidence, code, measured, limit):
     findings = {finding.code: finding for finding in acceptance_findings(evidence)}
     assert findings[code].blocking
     assert measured in findings[code].message
@@ -125,29 +125,29 @@ def test_beyond_a_limit(evidence, code, measured, limit):
         using(9),
     ],
 )
-def test_within_a_limit(evidence):
+def test_a_value_within_a_limit_is_accepted(evidence):
     assert acceptance_findings(evidence) == ()
 
 
-def test_only_one_thing_is_said_of_one_fault():
+def test_one_fault_gives_one_finding():
     assert codes(with_focal(0.02)) == ["focal-length"]
     assert codes(replace(GOOD, board_scale=1.01)) == ["board-scale"]
 
 
-def test_less_than_seven_tenths_of_the_views():
-    # Two of three agree, and nothing is wrong with the rest that could be named.
+def test_less_than_seven_tenths_of_consistent_views_are_refused():
+    # Two of three views agree, and the others have no common cause.
     (finding,) = acceptance_findings(using(8))
     assert finding.code == "inconsistent"
     assert "8 of 12" in finding.message
     assert "9 are needed" in finding.message
 
 
-def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
-    # Four of twelve showed too little of the board: the other eight all agree.
+def test_views_without_a_board_pose_do_not_count():
+    # Four of twelve views show too little of the board. The other eight agree.
     B = RECORDED.T_camera_board.copy()
     B[8:] = np.nan
     assert acceptance_findings(replace(using(8), T_camera_board=B)) == ()
-    # Of ten with a pose, six agree.
+    # Six of ten views with a pose agree.
     B = RECORDED.T_camera_board.copy()
     B[10:] = np.nan
     found = {finding.code: finding.message for finding in acceptance_findings(replace(using(6), T_camera_board=B))}
@@ -155,7 +155,7 @@ def test_views_without_a_board_pose_agree_and_disagree_with_nothing():
     assert "7 are needed" in found["inconsistent"]
 
 
-def test_the_cause_takes_the_place_of_the_doubt():
+def test_a_known_cause_replaces_the_finding_of_inconsistency():
     B = RECORDED.T_camera_board.copy()
     B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
     findings = acceptance_findings(replace(using(6), T_camera_board=B))
@@ -163,14 +163,14 @@ def test_the_cause_takes_the_place_of_the_doubt():
     assert "from view 07 on" in findings[0].message
 
 
-def test_a_few_bad_views_among_good_ones_are_no_cause():
+def test_a_few_bad_views_have_no_common_cause():
     B = RECORDED.T_camera_board.copy()
     bad = [2, 5, 9]
     B[bad] = B[bad] @ from_rotation_vector([0.03, 0.01, 0.0], [0.0, 0.1, 0.0])
     assert acceptance_findings(replace(GOOD, T_camera_board=B, used=~np.isin(np.arange(12), bad))) == ()
 
 
-def test_three_left_out_at_one_end_may_be_the_right_ones():
+def test_three_excluded_views_at_one_end_may_be_correct():
     A = RECORDED.T_base_flange.copy()
     A[3:] = A[3:] @ from_rotation_vector([0.0, 0.0, 0.12], [0.0, 0.0, 0.3])
     (finding,) = acceptance_findings(replace(GOOD, T_base_flange=A, used=np.arange(12) >= 3))
@@ -178,7 +178,7 @@ def test_three_left_out_at_one_end_may_be_the_right_ones():
     assert "from view 04 on" in finding.message
 
 
-def test_views_without_a_pose_are_left_out_of_the_search_for_a_cause():
+def test_views_without_a_pose_are_excluded_from_the_diagnosis():
     B = RECORDED.T_camera_board.copy()
     B[6:] = B[6:] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
     B[1] = np.nan
@@ -187,7 +187,7 @@ def test_views_without_a_pose_are_left_out_of_the_search_for_a_cause():
     assert "from view 07 on" in findings[0].message
 
 
-def test_the_views_that_agree_must_turn_too():
+def test_the_consistent_views_need_enough_rotation():
     turned = RECORDED.T_base_flange.copy()
     turned[:9, :3, :3] = turned[0, :3, :3]
     assert codes(replace(using(9), T_base_flange=turned)) == ["pure-translation"]
@@ -197,32 +197,32 @@ def test_the_views_that_agree_must_turn_too():
     assert codes(replace(using(9), T_base_flange=about_one_axis)) == ["parallel-axes"]
 
 
-def test_an_unverified_board_size_is_a_warning_and_grows_the_covariance_along_the_view():
+def test_an_unverified_board_size_is_a_warning_and_increases_the_covariance():
     evidence = replace(GOOD, board_scale_sigma=0.0019)
     (finding,) = acceptance_findings(evidence)
     assert finding.code == "board-scale-unverified"
     assert not finding.blocking
     assert "0.19 %" in finding.message
     grown = reported_covariance(evidence) - evidence.covariance
-    # All places shift along the view by the share of the distance that is not in the covariance yet.
+    # The position shifts along the view by the share of the distance that the covariance does not contain yet.
     expected = np.zeros((6, 6))
     expected[5, 5] = (UNVERIFIED_SCALE_SIGMA**2 - 0.0019**2) * 0.4**2
     np.testing.assert_allclose(grown, expected, atol=1e-15)
 
 
-def test_what_is_predicted_of_a_scan_allows_for_an_unverified_board_size():
-    # Views from all round see a place that is off by 2 mm along the view apart by nearly as much.
+def test_the_repeatability_includes_an_unverified_board_size():
+    # An error of 2 mm along the view separates views from all sides by nearly as much.
     open_size = replace(GOOD, board_scale_sigma=0.0019)
     assert reported_repeatability(open_size) > reported_repeatability(GOOD) + 0.001
 
 
-def test_an_unverified_board_size_alone_refuses_nothing():
+def test_an_unverified_board_size_alone_is_not_refused():
     open_size = replace(GOOD, board_scale_sigma=0.002)
     assert np.sqrt(np.trace(reported_covariance(open_size)[3:, 3:])) > 1e-3
     assert not any(finding.blocking for finding in acceptance_findings(open_size))
 
 
-def test_a_verified_board_size_leaves_the_covariance():
+def test_a_verified_board_size_does_not_change_the_covariance():
     np.testing.assert_array_equal(reported_covariance(GOOD), GOOD.covariance)
 
 
@@ -238,5 +238,5 @@ def test_a_verified_board_size_leaves_the_covariance():
         replace(GOOD, board_scale=np.nan),
     ],
 )
-def test_what_is_no_number_is_refused(evidence):
+def test_a_value_that_is_not_a_number_is_refused(evidence):
     assert any(finding.blocking for finding in acceptance_findings(evidence))

@@ -1,4 +1,4 @@
-"""Common mistakes with poses are reported by name, and good views are never accused."""
+"""Common mistakes with poses are named, and good views have no finding."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SEEDS = (1, 2)
 
 
 def poses(seed: int, mounting: Mounting = "eye-in-hand", count: int = 12) -> tuple[np.ndarray, np.ndarray]:
-    """T_base_flange and T_camera_board of a good set, the latter as exact as 0.2 px makes it at 0.4 m."""
+    """Return T_base_flange and T_camera_board of good views, with board poses as exact as for 0.2 px at 0.4 m."""
     recorded = record(seed, count, plan=(random_plan, realistic_plan)[seed % 2], mounting=mounting)
     rng = np.random.default_rng(seed)
     errors = [from_rotation_vector(rng.normal(0, 1.5e-4, 3), rng.normal(0, np.radians(0.04), 3)) for _ in range(count)]
@@ -38,20 +38,20 @@ def code(finding: Finding | None) -> str | None:
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("seed", range(4))
-def test_good_views_are_not_accused(seed, mounting):
+def test_good_views_have_no_finding(seed, mounting):
     assert diagnose(*poses(seed, mounting), mounting) is None
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_shuffled(seed, mounting):
+def test_shuffled_poses_are_named(seed, mounting):
     A, B = poses(seed, mounting)
     assert code(diagnose(A[np.random.default_rng(seed).permutation(12)], B, mounting)) == "poses-shuffled"
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("shift", [1, -1, 2])
-def test_off_by_one(shift, mounting):
+def test_poses_off_by_one_are_named(shift, mounting):
     A, B = poses(3, mounting)
     finding = diagnose(np.roll(A, shift, axis=0), B, mounting)
     assert finding is not None
@@ -59,17 +59,17 @@ def test_off_by_one(shift, mounting):
     assert ("after" if shift > 0 else "before") in finding.message
 
 
-def test_off_by_one_where_the_first_pose_is_missing():
+def test_a_missing_first_pose_is_named_as_off_by_one():
     A, B = poses(4)
     assert code(diagnose(A[1:], B[:-1])) == "pairs-off-by-one"
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_inverted(seed, mounting):
+def test_inverted_poses_are_named(seed, mounting):
     A, B = poses(seed, mounting)
     assert code(diagnose(np.array([inverse(T) for T in A]), B, mounting)) == "poses-inverted"
-    # The board's poses the other way round look the same: the words name both.
+    # Inverted board poses are equivalent, so the message names both.
     finding = diagnose(A, np.array([inverse(T) for T in B]), mounting)
     assert finding is not None
     assert finding.code == "poses-inverted"
@@ -77,7 +77,7 @@ def test_inverted(seed, mounting):
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_the_other_mounting(mounting):
+def test_the_wrong_mounting_is_named(mounting):
     A, B = poses(5, mounting)
     other = MOUNTINGS[1 - MOUNTINGS.index(mounting)]
     finding = diagnose(A, B, other)
@@ -88,7 +88,7 @@ def test_the_other_mounting(mounting):
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_degrees_read_as_radians(seed, mounting):
+def test_degrees_read_as_radians_are_named(seed, mounting):
     A, B = poses(seed, mounting)
     wrong = with_rotations(A, Rotation.from_rotvec(rotations(A).as_rotvec(degrees=True)))
     assert code(diagnose(wrong, B, mounting)) == "degrees"
@@ -96,7 +96,7 @@ def test_degrees_read_as_radians(seed, mounting):
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 @pytest.mark.parametrize("order", ["xyz", "ZYX"])
-def test_rotation_vectors_read_as_euler_angles(order, mounting):
+def test_rotation_vectors_read_as_euler_angles_are_named(order, mounting):
     A, B = poses(6, mounting)
     finding = diagnose(with_rotations(A, Rotation.from_euler(order, rotations(A).as_rotvec())), B, mounting)
     assert finding is not None
@@ -105,7 +105,7 @@ def test_rotation_vectors_read_as_euler_angles(order, mounting):
 
 
 @pytest.mark.parametrize("order", ["xyz", "zyz"])
-def test_euler_angles_read_as_rotation_vectors(order):
+def test_euler_angles_read_as_rotation_vectors_are_named(order):
     A, B = poses(7)
     finding = diagnose(with_rotations(A, Rotation.from_rotvec(rotations(A).as_euler(order))), B)
     assert finding is not None
@@ -114,7 +114,7 @@ def test_euler_angles_read_as_rotation_vectors(order):
 
 
 @pytest.mark.parametrize("roll", [1, -1])
-def test_a_quaternion_with_its_real_part_at_the_other_end(roll):
+def test_a_wrong_quaternion_order_is_named(roll):
     A, B = poses(8)
     wrong = with_rotations(A, Rotation.from_quat(np.roll(rotations(A).as_quat(), roll, axis=1)))
     assert code(diagnose(wrong, B)) == "quaternion-order"
@@ -122,8 +122,8 @@ def test_a_quaternion_with_its_real_part_at_the_other_end(roll):
 
 @pytest.mark.parametrize(("mounting", "expected"), [("eye-in-hand", "tcp-changed"), ("eye-to-hand", "board-moved")])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_another_tool_from_some_view_on(seed, mounting, expected):
-    # Where the board is on the flange, another tool frame and a board that slipped are the same: the words name both.
+def test_a_change_of_the_tool_is_named_with_its_view(seed, mounting, expected):
+    # With the board on the flange, a new tool frame and a slipped board are equivalent, so the message names both.
     A, B = poses(seed, mounting)
     A[5:] = A[5:] @ from_rotation_vector([0.02, -0.01, 0.12], [0.1, 0.05, 0.5])
     finding = diagnose(A, B, mounting, tuple("abcdefghijkl"))
@@ -135,25 +135,25 @@ def test_another_tool_from_some_view_on(seed, mounting, expected):
 
 @pytest.mark.parametrize("offset_m", [0.003, 0.01, 0.2])
 @pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_a_board_that_moved_midway(offset_m, mounting):
+def test_a_board_that_moved_is_named_with_its_displacement(offset_m, mounting):
     A, B = poses(9, mounting)
     B[6:] = B[6:] @ from_rotation_vector([0.8 * offset_m, -0.6 * offset_m, 0.0], [0.0, 0.0, 0.0])
     finding = diagnose(A, B, mounting)
     assert finding is not None
     assert finding.code == "board-moved"
-    # 3 mm over six views each, noise 0.2 mm: found to some tenths of a millimetre.
+    # 3 mm over six views each with noise of 0.2 mm: known to some tenths of a millimetre.
     reported_mm = float(finding.message.split(" by ")[1].split(" mm")[0])
     assert reported_mm == pytest.approx(1e3 * offset_m, abs=0.5)
 
 
-def test_a_camera_in_the_cell_that_moved():
+def test_a_fixed_camera_that_moved_is_named():
     A, B = poses(10, "eye-to-hand")
     B[7:] = from_rotation_vector([0.03, 0.0, 0.01], [0.0, 0.05, 0.0]) @ B[7:]
     assert code(diagnose(A, B, "eye-to-hand")) == "camera-moved"
 
 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
-def test_a_few_bad_views_are_no_move(mounting):
+def test_a_few_bad_views_are_not_a_movement(mounting):
     A, B = poses(11, mounting)
     one, last_two, swapped = B.copy(), B.copy(), A.copy()
     one[11] = one[11] @ from_rotation_vector([0.01, 0.0, 0.0], [0.0, 0.0, 0.0])
@@ -165,7 +165,7 @@ def test_a_few_bad_views_are_no_move(mounting):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_poses_that_are_of_something_else(seed):
+def test_unrelated_poses_are_inconsistent(seed):
     B = poses(seed)[1]
     A = poses(seed + 20)[0]
     finding = diagnose(A, B)

@@ -1,4 +1,4 @@
-"""Calibration folders: what is written is read again, and every error names its file."""
+"""Calibration folders are read as they were written, and every error names its file."""
 
 import json
 from collections.abc import Callable
@@ -26,16 +26,16 @@ POSE = from_rotation_vector((0.4, 0.1, 0.5), (2.2, -2.0, 0.3))
 GREY = np.full((400, 640), 127, dtype=np.uint8)
 
 
-def a_folder(folder: Path, *names: str) -> Path:
-    """A calibration folder with these views, all equal."""
+def make_folder(folder: Path, *names: str) -> Path:
+    """Make a calibration folder with these views, all equal."""
     write_setup(folder, SETUP)
     for name in names:
         write_view(folder, name, GREY, POSE)
     return folder
 
 
-def test_written_folders_are_read(tmp_path: Path) -> None:
-    folder = a_folder(tmp_path / "runs" / "a", "10", "9")
+def test_a_folder_is_read_as_it_was_written(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path / "runs" / "a", "10", "9")
     colour = np.random.default_rng(1).integers(0, 255, (400, 640, 3), dtype=np.uint8)
     write_view(folder, "verify", colour, POSE, held_out=True)
     content = read_folder(folder)
@@ -45,10 +45,10 @@ def test_written_folders_are_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(content.setup.K, K)
     assert [(view.name, view.held_out) for view in content.views] == [("9", False), ("10", False), ("verify", True)]
     for view in content.views:
-        # Only the rotation's way through a unit quaternion rounds.
+        # Only the conversion of the rotation to a unit quaternion rounds.
         np.testing.assert_allclose(view.T_base_flange, POSE, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(cv2.imread(str(content.views[2].image)), colour)
-    assert not [path for path in folder.iterdir() if path.name.startswith(".")], "nothing is left beside it"
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")], "no temporary file is left"
 
 
 def test_paths_may_be_strings(tmp_path: Path) -> None:
@@ -74,15 +74,15 @@ def test_paths_may_be_strings(tmp_path: Path) -> None:
     ],
 )
 def test_poses_may_be_rotation_vectors_or_matrices(tmp_path: Path, pose: Any) -> None:
-    folder = a_folder(tmp_path, "a")
+    folder = make_folder(tmp_path, "a")
     (folder / "a.json").write_text(json.dumps({"T_base_flange": pose}))
     (view,) = read_folder(folder).views
     np.testing.assert_allclose(view.T_base_flange, POSE, rtol=0, atol=1e-12)
     assert not view.held_out
 
 
-def test_other_files_are_no_views(tmp_path: Path) -> None:
-    folder = a_folder(tmp_path, "a")
+def test_other_files_are_not_views(tmp_path: Path) -> None:
+    folder = make_folder(tmp_path, "a")
     for name in ("hand_eye.json", "observations.json", "hand_eye.previous.json", ".hidden.json", "notes.txt"):
         (folder / name).write_text("not read")
     (folder / "pictures").mkdir()
@@ -147,7 +147,7 @@ def linked(folder: Path) -> None:
 def test_a_view_with_an_error_is_excluded_and_named(
     tmp_path: Path, spoil: Callable[[Path], object], expected: str
 ) -> None:
-    folder = a_folder(tmp_path / "folder", "a", "b", "c")
+    folder = make_folder(tmp_path / "folder", "a", "b", "c")
     spoil(folder)
     content = read_folder(folder)
     assert [view.name for view in content.views] == ["a", "c"]
@@ -164,8 +164,8 @@ def test_a_view_with_an_error_is_excluded_and_named(
         ([[1.0, 0, 0, 400], [0, 1, 0, 100], [0, 0, 1, 500], [0, 0, 0, 1]], "millimetres"),
     ],
 )
-def test_other_units_reject_the_whole_folder(tmp_path: Path, value: Any, slug: str) -> None:
-    folder = a_folder(tmp_path, "a", "b")
+def test_a_wrong_unit_rejects_the_whole_folder(tmp_path: Path, value: Any, slug: str) -> None:
+    folder = make_folder(tmp_path, "a", "b")
     pose(folder, value)
     with pytest.raises(HandEyeInputError, match=r"b\.json") as refused:
         read_folder(folder)
@@ -211,7 +211,7 @@ def change(part: str | None, **changes: Any) -> Callable[[dict[str, Any]], objec
     ],
 )
 def test_an_invalid_setup_is_rejected(tmp_path: Path, spoil: Callable[[dict[str, Any]], object], expected: str) -> None:
-    path = a_folder(tmp_path, "a") / "setup.json"
+    path = make_folder(tmp_path, "a") / "setup.json"
     document = json.loads(path.read_text())
     spoil(document)
     path.write_text(json.dumps(document))
@@ -221,7 +221,7 @@ def test_an_invalid_setup_is_rejected(tmp_path: Path, spoil: Callable[[dict[str,
     assert str(path) in str(refused.value)
 
 
-def test_folders_without_views(tmp_path: Path) -> None:
+def test_folders_without_views_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(CalibrationFolderError, match="is not a folder"):
         read_folder(tmp_path / "none")
     with pytest.raises(CalibrationFolderError, match=r"there is no .*setup\.json: write the board"):

@@ -20,7 +20,7 @@ from tests.calibration.rendered_folder import X, Y, rendered_folder
 SIZE = (640, 400)
 
 
-def test_the_corners_of_all_images_are_found_where_they_are(tmp_path: Path) -> None:
+def test_the_corners_of_all_images_are_detected_at_their_true_pixels(tmp_path: Path) -> None:
     reported: list[tuple[str, int]] = []
 
     def report(name: str, sighting: DetectedBoard | str) -> None:
@@ -33,16 +33,16 @@ def test_the_corners_of_all_images_are_found_where_they_are(tmp_path: Path) -> N
     assert (seen.observations.camera_id, seen.observations.board, seen.excluded) == ("19443010", Board(), ())
     for view in seen.observations.views:
         expected = true_pixels(Board(), np.linalg.inv(X) @ np.linalg.inv(view.T_base_flange) @ Y, K_640)
-        # The robot's own error, 0.1 mm and 0.02 degrees, is some 0.2 px here; a wrong numbering would be 20.
+        # The error of the robot, 0.1 mm and 0.02 degrees, is about 0.2 px here. A wrong numbering would give 20 px.
         assert np.abs(view.pixels - expected[view.ids]).max() < 1.0
         assert len(view.ids) > 0.9 * len(expected)
     assert reported == [(view.name, len(view.ids)) for view in (*seen.observations.views, *seen.held_out.views)]
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".bmp", ".tif", ".TIFF"])
-def test_images_come_in_several_forms_grey_or_colour(tmp_path: Path, suffix: str) -> None:
+def test_images_may_have_several_formats_and_be_grey_or_colour(tmp_path: Path, suffix: str) -> None:
     rng = np.random.default_rng(1)
-    # Smooth, so that JPEG keeps it to a few grey levels.
+    # The image is smooth, so JPEG changes it by a few grey levels only.
     colour = cv2.resize(rng.integers(0, 255, (5, 8, 3), dtype=np.uint8), SIZE, interpolation=cv2.INTER_LINEAR)
     for image in (colour, colour[:, :, 0]):
         coded = cv2.imencode(suffix.lower(), image)[1]
@@ -53,12 +53,12 @@ def test_images_come_in_several_forms_grey_or_colour(tmp_path: Path, suffix: str
 
 
 def exif(orientation: int) -> bytes:
-    """A segment of a JPEG file that says how the camera was held."""
+    """Return the segment of a JPEG file with the orientation of the camera."""
     tiff = b"II*\0" + struct.pack("<IHHHIIi", 8, 1, 0x112, 3, 1, orientation, 0)
     return b"\xff\xe1" + struct.pack(">H", 8 + len(tiff)) + b"Exif\0\0" + tiff
 
 
-def test_pixels_stay_where_the_sensor_had_them(tmp_path: Path) -> None:
+def test_the_orientation_tag_does_not_rotate_the_pixels(tmp_path: Path) -> None:
     image = np.zeros((400, 640), dtype=np.uint8)
     image[:100, :100] = 255
     coded = cv2.imencode(".jpg", image)[1].tobytes()
@@ -66,12 +66,12 @@ def test_pixels_stay_where_the_sensor_had_them(tmp_path: Path) -> None:
     path.write_bytes(coded[:2] + exif(3) + coded[2:])
     turned = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     assert turned is not None
-    assert turned[50, 50] == 0, "OpenCV by itself turns it upside down"
+    assert turned[50, 50] == 0, "OpenCV rotates the image by default"
     assert read_image(path, SIZE)[50, 50] == 255
 
 
 def huge_png() -> bytes:
-    """A few bytes that say they were 100 000 pixels wide and high."""
+    """Return a small PNG file that announces 100 000 pixels in width and height."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -93,7 +93,7 @@ def huge_png() -> bytes:
         ),
     ],
 )
-def test_files_that_are_no_images_of_this_camera_are_rejected(tmp_path: Path, content: bytes, expected: str) -> None:
+def test_files_that_are_not_images_of_this_camera_are_rejected(tmp_path: Path, content: bytes, expected: str) -> None:
     path = tmp_path / "a.png"
     path.write_bytes(content)
     with pytest.raises(CalibrationFolderError) as refused:
@@ -135,12 +135,12 @@ def test_the_reason_is_reported_if_no_image_shows_the_board(tmp_path: Path) -> N
         detect_views(read_folder(other))
 
 
-def test_dots_without_a_first_are_numbered_consistently(tmp_path: Path) -> None:
+def test_dots_without_a_marked_first_are_numbered_consistently(tmp_path: Path) -> None:
     board = Board(kind="circles", columns=7, rows=7, pitch_m=0.02)
     seen = detect_views(read_folder(rendered_folder(tmp_path, board, views=5, held_out=1)))
     views = (*seen.observations.views, *seen.held_out.views)
     assert len(views) == 6
-    # The first of the four corners is arbitrary, but it is the same in all views.
+    # The first corner is any of the four, but the same in all views.
     firsts = []
     for view in views:
         corners = true_pixels(board, np.linalg.inv(X) @ np.linalg.inv(view.T_base_flange) @ Y, K_640)

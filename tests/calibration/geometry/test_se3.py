@@ -19,11 +19,11 @@ from calibration.geometry.transforms import rotation_angle
 
 @pytest.fixture
 def poses() -> np.ndarray:
-    """(5, 4, 4) transforms with rotations of up to about two radians."""
+    """Return transforms (5, 4, 4) with rotations of up to about two radians."""
     return pose_from_twist(np.random.default_rng(0).normal(0, 0.8, (5, 6)))
 
 
-def test_inverses(poses: np.ndarray) -> None:
+def test_the_inverse_of_a_stack_inverts_each_transform(poses: np.ndarray) -> None:
     np.testing.assert_allclose(invert_poses(poses) @ poses, np.broadcast_to(np.eye(4), poses.shape), atol=1e-14)
 
 
@@ -39,7 +39,7 @@ def test_cross_matrix_is_the_cross_product() -> None:
 def test_adjoint_moves_small_changes_to_the_other_side(poses: np.ndarray) -> None:
     v = 1e-7 * np.random.default_rng(2).normal(size=(5, 6))
     carried = (adjoint(poses) @ v[..., None])[..., 0]
-    # Second order of 1e-7.
+    # Terms of second order in 1e-7.
     np.testing.assert_allclose(poses @ pose_from_twist(v), pose_from_twist(carried) @ poses, atol=1e-12)
 
 
@@ -47,7 +47,7 @@ def test_right_jacobian_splits_a_motion() -> None:
     rng = np.random.default_rng(3)
     v, d = rng.normal(0, 0.02, (5, 6)), 1e-6 * rng.normal(size=(5, 6))
     split = pose_from_twist(v) @ pose_from_twist((right_jacobian(v) @ d[..., None])[..., 0])
-    # The series ends after the second power of 0.02, the changes after the first of 1e-6.
+    # The series is exact to the second power of 0.02, and the changes to the first power of 1e-6.
     np.testing.assert_allclose(pose_from_twist(v + d), split, atol=1e-11)
 
 

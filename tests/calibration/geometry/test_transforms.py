@@ -35,20 +35,20 @@ points = hnp.arrays(np.float64, st.tuples(st.integers(1, 5), st.just(3)), elemen
 
 @settings(deadline=None)
 @given(transforms, transforms)
-def test_closure(T_a_b: np.ndarray, T_b_c: np.ndarray) -> None:
+def test_a_product_of_transforms_is_a_transform(T_a_b: np.ndarray, T_b_c: np.ndarray) -> None:
     T_a_c = T_a_b @ T_b_c
     np.testing.assert_array_equal(rigid(T_a_c, "T_a_c"), T_a_c)
 
 
 @settings(deadline=None)
 @given(transforms, transforms, transforms)
-def test_associativity(T_a_b: np.ndarray, T_b_c: np.ndarray, T_c_d: np.ndarray) -> None:
+def test_composition_is_associative(T_a_b: np.ndarray, T_b_c: np.ndarray, T_c_d: np.ndarray) -> None:
     np.testing.assert_allclose((T_a_b @ T_b_c) @ T_c_d, T_a_b @ (T_b_c @ T_c_d), **NEAR)
 
 
 @settings(deadline=None)
 @given(points)
-def test_identity(p: np.ndarray) -> None:
+def test_the_identity_changes_no_point(p: np.ndarray) -> None:
     np.testing.assert_array_equal(transform_points(np.eye(4), p), p)
     np.testing.assert_array_equal(inverse(np.eye(4)), np.eye(4))
     np.testing.assert_array_equal(from_rotation_vector((0, 0, 0), (0, 0, 0)), np.eye(4))
@@ -56,7 +56,7 @@ def test_identity(p: np.ndarray) -> None:
 
 @settings(deadline=None)
 @given(transforms)
-def test_inverse(T_a_b: np.ndarray) -> None:
+def test_the_inverse_cancels_a_transform(T_a_b: np.ndarray) -> None:
     np.testing.assert_allclose(T_a_b @ inverse(T_a_b), np.eye(4), **NEAR)
     np.testing.assert_allclose(inverse(T_a_b) @ T_a_b, np.eye(4), **NEAR)
     np.testing.assert_allclose(inverse(inverse(T_a_b)), T_a_b, **NEAR)
@@ -64,7 +64,7 @@ def test_inverse(T_a_b: np.ndarray) -> None:
 
 @settings(deadline=None)
 @given(transforms, transforms, points)
-def test_action(T_a_b: np.ndarray, T_b_c: np.ndarray, p_c: np.ndarray) -> None:
+def test_a_product_acts_like_successive_transforms(T_a_b: np.ndarray, T_b_c: np.ndarray, p_c: np.ndarray) -> None:
     step_by_step = transform_points(T_a_b, transform_points(T_b_c, p_c))
     np.testing.assert_allclose(transform_points(T_a_b @ T_b_c, p_c), step_by_step, **NEAR)
 
@@ -80,7 +80,7 @@ def test_distances_and_handedness_are_kept(T: np.ndarray, p: np.ndarray) -> None
 
 @settings(deadline=None)
 @given(transforms)
-def test_quaternions_give_the_transform_back(T: np.ndarray) -> None:
+def test_a_quaternion_gives_the_original_transform(T: np.ndarray) -> None:
     np.testing.assert_allclose(from_quaternion(T[:3, 3], to_quaternion(T), "T"), T, **NEAR)
     # q and -q are the same rotation.
     np.testing.assert_allclose(from_quaternion(T[:3, 3], -to_quaternion(T), "T"), T, **NEAR)
@@ -89,11 +89,11 @@ def test_quaternions_give_the_transform_back(T: np.ndarray) -> None:
 @settings(deadline=None)
 @given(transforms)
 def test_inverse_turns_by_the_same_angle(T: np.ndarray) -> None:
-    # acos-like near 0 and pi: roundings of 1e-16 become angles of 1e-8.
+    # Like acos near 0 and pi: rounding errors of 1e-16 become angles of 1e-8.
     assert rotation_angle(inverse(T)) == pytest.approx(rotation_angle(T), abs=1e-7)
 
 
-def test_a_quarter_turn_about_z() -> None:
+def test_a_quarter_turn_about_z_is_exact() -> None:
     half = np.sqrt(0.5)
     T_a_b = from_quaternion((1, 2, 3), (0, 0, half, half), "T_a_b")
     np.testing.assert_allclose(transform_points(T_a_b, np.array([[1.0, 0.0, 0.0]])), [[1, 3, 3]], **NEAR)
@@ -109,7 +109,7 @@ def test_a_checked_matrix_is_a_copy() -> None:
     assert rigid(np.eye(4).tolist(), "T").dtype == np.float64
 
 
-def test_the_tolerance_is_where_it_says() -> None:
+def test_the_tolerance_is_that_of_the_constant() -> None:
     stretched = np.eye(4)
     # (1 + e)^2 - 1 = 2 e to first order.
     stretched[0, 0] = 1 + 0.49 * ROTATION_TOLERANCE
@@ -127,13 +127,13 @@ def test_an_exact_rotation_is_kept_bit_by_bit(T_a_b: np.ndarray) -> None:
 
 @settings(deadline=None)
 @given(transforms, st.integers(4, 10))
-def test_a_rounded_rotation_becomes_an_exact_one_beside_it(T_a_b: np.ndarray, decimals: int) -> None:
+def test_a_rounded_rotation_becomes_the_nearest_exact_one(T_a_b: np.ndarray, decimals: int) -> None:
     rounded = T_a_b.round(decimals)
     exact = with_nearest_rotation(rounded)
     R = exact[:3, :3]
     np.testing.assert_allclose(R.T @ R, np.eye(3), **NEAR)
     assert np.linalg.det(R) > 0
-    # The nearest rotation is no farther from the rounded one than the original: sqrt(9) roundings of half a unit.
+    # The nearest rotation is at most as far from the rounded one as the original: sqrt(9) roundings of half a unit.
     assert np.linalg.norm(R - rounded[:3, :3]) <= 1.5 * 10.0**-decimals + 1e-12
     np.testing.assert_array_equal(exact[:, 3], rounded[:, 3])
 
@@ -165,12 +165,12 @@ def with_entry(row: int, column: int, value: float) -> np.ndarray:
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_a_matrix_that_is_not_rigid_is_refused(matrix: Any, message: str) -> None:
+def test_a_matrix_that_is_not_rigid_is_rejected(matrix: Any, message: str) -> None:
     with pytest.raises(NotRigidError, match=f"T_base_flange {message}"):
         rigid(matrix, "T_base_flange")
 
 
-def test_a_transposed_matrix_is_refused() -> None:
+def test_a_transposed_matrix_is_rejected() -> None:
     with pytest.raises(NotRigidError, match="has the last row"):
         rigid(from_rotation_vector((0.1, 0.2, 0.3), (0, 0, 1)).T, "T")
 
@@ -185,6 +185,6 @@ def test_a_transposed_matrix_is_refused() -> None:
         ((0, 0, 0), (0, 1e100, 0, 0), r"^T has a rotation quaternion of length 1e\+100"),
     ],
 )
-def test_a_quaternion_that_is_no_rotation_is_refused(translation: Any, quaternion: Any, message: str) -> None:
+def test_a_quaternion_that_is_not_a_rotation_is_rejected(translation: Any, quaternion: Any, message: str) -> None:
     with pytest.raises(NotRigidError, match=message):
         from_quaternion(translation, quaternion, "T")

@@ -36,7 +36,7 @@ def refused(observations: Observations) -> HandEyeInputError:
 
 
 def turned(T: np.ndarray, rotations: Rotation) -> np.ndarray:
-    """`T` (N, 4, 4) with other rotations."""
+    """Return `T` (N, 4, 4) with other rotations."""
     result = T.copy()
     result[:, :3, :3] = rotations.as_matrix()
     return result
@@ -49,7 +49,7 @@ def test_good_views_pass():
 
 @pytest.mark.parametrize("mounting", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("seed", range(5))
-def test_an_orbit_turns_about_more_than_one_axis(mounting, seed):
+def test_an_orbit_rotates_about_several_axes(mounting, seed):
     check_observations(record(seed, count=12, plan=orbit_plan, mounting=mounting).observations)
 
 
@@ -82,7 +82,7 @@ def test_a_scaled_pose_is_not_rigid():
     )
 
 
-def test_millimetres_of_the_robot():
+def test_flange_poses_in_millimetres_are_rejected():
     T = GOOD.T_base_flange
     T[:, :3, 3] *= 1000
     error = refused(with_poses(GOOD.observations, T))
@@ -109,23 +109,23 @@ def test_corners_in_one_row_are_not_enough():
     row = BOARD.columns - 1
     assert not enough_corners(np.arange(row), BOARD)
     assert enough_corners(np.arange(row + 1), BOARD)
-    assert not enough_corners(np.array([0, 1, 2, row, row + 1]), BOARD)  # a plane, but five only
+    assert not enough_corners(np.array([0, 1, 2, row, row + 1]), BOARD)  # not on a line, but only five
 
 
-def test_a_robot_that_did_not_move():
+def test_too_few_different_poses_are_rejected():
     T = np.repeat(GOOD.T_base_flange[:4], 3, axis=0)
     error = refused(with_poses(GOOD.observations, T))
     assert error.slug == "duplicate-views"
     assert "4 different poses for 12 views" in str(error)
 
 
-def test_some_poses_twice_are_taken():
+def test_a_repeated_pose_is_accepted():
     T = GOOD.T_base_flange
     T[1] = T[0]
     check_observations(with_poses(GOOD.observations, T))
 
 
-def test_pure_translation():
+def test_pure_translation_is_rejected():
     T = turned(GOOD.T_base_flange, Rotation.from_rotvec(np.random.default_rng(0).normal(0, np.radians(2), (12, 3))))
     error = refused(with_poses(GOOD.observations, T))
     assert error.slug == "pure-translation"
@@ -133,7 +133,7 @@ def test_pure_translation():
 
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, 1.0], [0.3, -0.8, 0.5]])
-def test_parallel_axes(axis):
+def test_parallel_axes_are_rejected(axis):
     rng = np.random.default_rng(0)
     angles = np.linspace(-2.5, 2.5, 12)[:, None] * (np.array(axis) / np.linalg.norm(axis))
     wobble = Rotation.from_rotvec(rng.normal(0, np.radians(1), (12, 3)))
@@ -141,12 +141,12 @@ def test_parallel_axes(axis):
     assert refused(with_poses(GOOD.observations, T)).slug == "parallel-axes"
 
 
-def test_the_spread_of_known_turns():
+def test_the_rotation_spread_of_known_rotations():
     # About z by +-20 degrees and about x by +-6: rms 20 / sqrt(2) and 6 / sqrt(2).
     turns = np.radians([[0, 0, 20], [0, 0, -20], [6, 0, 0], [-6, 0, 0]])
     spread = motion_diversity(np.array([from_rotation_vector([0, 0, 0], turn) for turn in turns]))
     assert np.degrees(spread.max_rotation_rad) == pytest.approx(40, abs=1e-9)
-    # Turns do not quite add up, and of four the sample's deviation is larger than the set's by sqrt(4 / 3).
+    # Rotations do not add exactly, and the sample deviation of four is larger by sqrt(4 / 3).
     assert np.degrees(spread.second_axis_rad) == pytest.approx(6 / np.sqrt(2) * np.sqrt(4 / 3), rel=0.02)
 
 
@@ -161,38 +161,38 @@ def test_the_spread_of_known_turns():
         (np.eye(4), "shape"),
     ],
 )
-def test_a_camera_matrix_that_cannot_be(K, why):
+def test_an_impossible_camera_matrix_is_rejected(K, why):
     error = refused(replace(GOOD.observations, K=K))
     assert error.slug == "intrinsics"
     assert why in str(error)
 
 
-def test_nan_in_the_camera_matrix():
+def test_nan_in_the_camera_matrix_is_rejected():
     assert refused(replace(GOOD.observations, K=GOOD.K * np.nan)).slug == "not-finite"
 
 
-def test_distortion_of_another_kind():
+def test_a_distortion_of_another_model_is_rejected():
     assert refused(replace(GOOD.observations, distortion=np.zeros(3))).slug == "intrinsics"
 
 
-def test_pixels_of_another_resolution():
+def test_pixels_outside_the_image_are_rejected():
     error = refused(replace(GOOD.observations, image_size=(800, 500), K=GOOD.K * [[0.7], [0.7], [1]]))
     assert error.slug == "outside-image"
     assert "800 x 500" in str(error)
 
 
-def test_corners_that_are_not_on_the_board():
+def test_corners_that_do_not_belong_to_the_board_are_rejected():
     view = GOOD.observations.views[4]
     assert refused(with_view(4, ids=view.ids + 30)).slug == "corners"
     assert refused(with_view(4, ids=np.zeros_like(view.ids))).slug == "corners"
     assert refused(with_view(4, ids=view.ids[:-1])).slug == "corners"
 
 
-def test_two_views_of_one_name():
+def test_two_views_with_the_same_name_are_rejected():
     assert refused(with_view(4, name="01")).slug == "repeated-names"
 
 
-def test_a_rotation_vector_in_radians():
+def test_a_rotation_vector_is_in_radians():
     T = pose_from_vector([0.1, 0.2, 0.3], [np.pi, 0.0, 0.0])
     np.testing.assert_allclose(T, [[1, 0, 0, 0.1], [0, -1, 0, 0.2], [0, 0, -1, 0.3], [0, 0, 0, 1]], atol=1e-12)
 
@@ -208,17 +208,17 @@ def test_a_rotation_vector_in_radians():
         ([0.1, 0.2, 0.3], ["a", 0, 0], "not-rigid"),
     ],
 )
-def test_a_pose_as_numbers_that_cannot_be(xyz_m, rotvec, slug):
+def test_an_impossible_pose_vector_is_rejected(xyz_m, rotvec, slug):
     with pytest.raises(HandEyeInputError, match="view 7") as caught:
         pose_from_vector(xyz_m, rotvec, "view 7")
     assert caught.value.slug == slug
 
 
-def test_no_view_at_all():
+def test_observations_without_views_are_rejected():
     assert refused(replace(GOOD.observations, views=())).slug == "too-few-views"
 
 
-def test_a_skewed_camera_matrix_is_refused_in_its_own_words():
+def test_a_skewed_camera_matrix_is_named():
     K = GOOD.observations.K.copy()
     K[0, 1] = 4.0
     error = refused(replace(GOOD.observations, K=K))
@@ -228,13 +228,13 @@ def test_a_skewed_camera_matrix_is_refused_in_its_own_words():
     check_observations(replace(GOOD.observations, K=K))
 
 
-def test_a_camera_matrix_that_is_written_by_columns():
+def test_a_transposed_camera_matrix_is_named():
     error = refused(replace(GOOD.observations, K=GOOD.observations.K.T.copy()))
     assert error.slug == "intrinsics"
     assert "row by row" in str(error)
 
 
-def test_a_camera_that_the_robot_does_not_move():
+def test_a_camera_that_does_not_move_with_the_robot_is_named():
     nearly_alike = GOOD.T_camera_board[:1] @ pose_from_twist(np.random.default_rng(0).normal(0, 3e-4, (12, 6)))
     for boards in (np.repeat(GOOD.T_camera_board[:1], 12, axis=0), nearly_alike):
         with pytest.raises(HandEyeInputError, match="board rotates by 0") as caught:
@@ -242,7 +242,7 @@ def test_a_camera_that_the_robot_does_not_move():
         assert caught.value.slug == "camera-did-not-move"
 
 
-def test_a_mounting_that_is_none():
+def test_an_unknown_mounting_is_rejected():
     mounting: Any = "on the wall"
     error = refused(replace(GOOD.observations, mounting=mounting))
     assert error.slug == "mounting"

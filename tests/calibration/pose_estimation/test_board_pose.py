@@ -17,9 +17,9 @@ def test_exact_corners_give_the_exact_pose() -> None:
     assert found.rms_px.max() < 1e-9
 
 
-def test_noise_shows_as_reprojection_error() -> None:
+def test_noise_appears_as_reprojection_error() -> None:
     found = estimate_board_poses(stack_corners(record(2, 20).observations))
-    # 0.2 px, of which the six numbers of a pose take a little; 20 views of 140 coordinates scatter by 1.4 %.
+    # 0.2 px, slightly reduced by the six parameters of a pose. 20 views of 140 coordinates scatter by 1.4 %.
     assert np.sqrt(np.mean(found.rms_px**2)) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
 
 
@@ -34,7 +34,7 @@ def test_a_misplaced_corner_is_excluded() -> None:
     assert list(np.flatnonzero(~found.inliers[2])) == [views[2].ids[10]]
 
 
-def test_corners_in_a_line_and_too_few_give_none() -> None:
+def test_corners_on_a_line_or_too_few_give_no_pose() -> None:
     recorded = record(4, 8)
     views = list(recorded.observations.views)
     board = recorded.observations.board
@@ -46,10 +46,10 @@ def test_corners_in_a_line_and_too_few_give_none() -> None:
     assert np.isnan(found.T_camera_board[:2]).all()
 
 
-def test_corners_of_another_board_give_none() -> None:
+def test_corners_of_another_board_give_no_pose() -> None:
     recorded = record(5, 8)
     views = list(recorded.observations.views)
     views[3] = replace(views[3], pixels=np.random.default_rng(0).uniform(100, 700, views[3].pixels.shape))
     found = estimate_board_poses(stack_corners(replace(recorded.observations, views=tuple(views))))
-    # Either nothing fits, or what fits best does so by far worse than a corner's noise.
+    # Either no pose fits, or the best one fits much worse than the noise of a corner.
     assert not found.found[3] or found.rms_px[3] > 20.0

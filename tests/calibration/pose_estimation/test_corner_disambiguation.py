@@ -1,4 +1,4 @@
-"""Views of symmetric boards, numbered from any corner, get a consistent numbering."""
+"""Views of symmetric boards that are numbered from any corner get a consistent numbering."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ SQUARES = Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.02)
 
 
 def randomly_numbered(observations: Observations, seed: int) -> tuple[Observations, np.ndarray]:
-    """Each view with a random numbering that the board allows, and the chosen numberings."""
+    """Return views with random numberings that the board allows, and the chosen numberings."""
     possible = symmetric_numberings(observations.board)
     chosen = np.random.default_rng(seed).integers(0, len(possible), len(observations.views))
     views = (
@@ -35,7 +35,7 @@ def test_all_views_get_the_same_numbering(board: Board, mounting: Mounting) -> N
         given = record(seed, 12, board=board, mounting=mounting).observations
         shuffled, _ = randomly_numbered(given, seed)
         got = make_numbering_consistent(shuffled, [False] * 12)
-        # Any of the board's numberings will do, the same in all.
+        # Any numbering of the board is correct if it is the same in all views.
         fitting = [
             numbers
             for numbers in symmetric_numberings(board)
@@ -66,14 +66,14 @@ def test_numbering_follows_the_predicted_pose(board: Board) -> None:
     recorded = record(7, 8, board=board)
     shuffled, chosen = randomly_numbered(recorded.observations, 8)
     assert len(set(chosen)) > 1
-    # Turned by 20 degrees from where it is: less than half of the least turn that the board allows.
+    # The prediction is off by 20 degrees, less than half of the least rotation between two numberings.
     off = from_rotation_vector((0.01, 0, 0), np.radians((0, 0, 20)))
     got = renumber_to_prediction(shuffled, recorded.T_camera_board @ off)
     for a, b in zip(recorded.observations.views, got.views, strict=True):
         np.testing.assert_array_equal(a.ids, b.ids)
 
 
-def test_views_with_a_unique_numbering_decide() -> None:
+def test_views_with_a_unique_numbering_determine_the_others() -> None:
     given = record(3, 12, board=DOTS).observations
     shuffled, chosen = randomly_numbered(given, 3)
     got = make_numbering_consistent(shuffled, list(chosen == 0))
@@ -82,7 +82,7 @@ def test_views_with_a_unique_numbering_decide() -> None:
         np.testing.assert_array_equal(a.ids, b.ids)
 
 
-def test_a_stale_pose_spoils_no_other_view() -> None:
+def test_a_stale_pose_does_not_affect_other_views() -> None:
     given = record(4, 12, board=DOTS).observations
     shuffled, _ = randomly_numbered(given, 4)
     views = list(shuffled.views)

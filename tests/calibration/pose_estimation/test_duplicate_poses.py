@@ -1,4 +1,4 @@
-"""Views from one robot pose share its error: one of them counts, and the others are named."""
+"""Views from one robot pose share its error, so one of them counts and the others are named."""
 
 from dataclasses import replace
 
@@ -56,7 +56,7 @@ def test_views_from_one_pose_do_not_reduce_the_covariance() -> None:
         np.testing.assert_array_equal(often.covariance, once.covariance)
         assert often.findings == once.findings
         squares.append(squared_error_in_sigmas(often, recorded.X))
-    # Of ten errors of six numbers each the mean is 6 +- 1.1; counted as new ones, the pictures make it about 25.
+    # The mean of ten errors with six components is 6 +- 1.1. With duplicates counted as independent it is about 25.
     assert np.mean(squares) < 12.0
 
 
@@ -66,7 +66,7 @@ def test_duplicates_are_named() -> None:
     views = (replace(views[0], ids=views[0].ids[:40], pixels=views[0].pixels[:40]), *views[1:])
     result = solve_hand_eye(replace(observations, views=views))
     assert [view.name for view in result.views] == [view.name for view in views]
-    # The one with more corners is solved from.
+    # The view with more corners is used.
     assert [view.name for view in result.views if not view.used] == ["01", *(f"{k:02d}_1" for k in range(2, 11))]
     assert "the robot pose is the same as in view 01_1" in (result.views[0].reason or "")
     assert "the robot pose is the same as in view 02" in (result.views[3].reason or "")
@@ -81,7 +81,7 @@ def test_many_views_from_one_pose_do_not_outvote_the_others() -> None:
     np.testing.assert_array_equal(result.X, solve_hand_eye(recorded.observations).X)
 
 
-def test_too_few_are_counted_by_poses() -> None:
+def test_the_required_number_counts_different_poses() -> None:
     observations = record(4, 7, plan=realistic_plan).observations
     with pytest.raises(HandEyeInputError, match="7 different poses for 28 views"):
         solve_hand_eye(repeated(observations, 4))

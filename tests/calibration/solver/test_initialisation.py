@@ -1,4 +1,4 @@
-"""Initial guess from poses of which many are wrong, or that determine little."""
+"""Initial guess from poses with many outliers, and from degenerate poses."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def test_exact_poses_give_the_exact_solution() -> None:
     recorded = record(0, 9, NOISE_FREE)
     start = estimate_initial_guess(recorded.T_base_flange, recorded.T_camera_board)
     degrees, millimetres = error_of(start.X, recorded.X)
-    # The touch of damping costs some nanometres.
+    # The small damping causes an error of some nanometres.
     assert degrees < 1e-6
     assert millimetres < 1e-4
     assert start.inliers.all()
@@ -30,12 +30,12 @@ def test_wrong_poses_are_distinguished_from_right_ones(wrong: int) -> None:
         assert set(np.flatnonzero(~start.inliers)) >= set(which)
         assert start.inliers.sum() >= 16 - wrong - 3
         degrees, millimetres = error_of(start.X, recorded.X)
-        # Board poses are exact here; the rest is the robot's noise, by a closed form from as few as nine views.
+        # Board poses are exact here. The error is the noise of the robot, in a closed form from at least nine views.
         assert degrees < 0.2
         assert millimetres < 2.0
 
 
-def test_coarse_poses_are_no_outliers() -> None:
+def test_coarse_poses_are_not_outliers() -> None:
     recorded = record(1, 20, Noise(robot_m=0.01, robot_rad=0.02))
     start = estimate_initial_guess(recorded.T_base_flange, recorded.T_camera_board)
     assert start.inliers.sum() >= 17

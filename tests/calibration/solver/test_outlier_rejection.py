@@ -1,4 +1,4 @@
-"""Outlier rejection: a board of another size than given is reported as such, and does not exclude views."""
+"""Outlier rejection: a wrong board size is reported and does not exclude views."""
 
 from dataclasses import replace
 
@@ -11,18 +11,18 @@ from tests.calibration.board_views import Noise, error_of, realistic_plan, recor
 
 @pytest.mark.parametrize("scale", [-0.06, -0.03, -0.015, 0.01, 0.02, 0.05])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_size_is_reported_and_not_the_robot(scale: float, seed: int) -> None:
+def test_a_wrong_board_size_is_not_reported_as_a_robot_error(scale: float, seed: int) -> None:
     recorded = record(seed, 15, replace(Noise(), scale=scale), plan=realistic_plan)
     result = solve_hand_eye(recorded.observations)
     assert [finding.code for finding in result.findings if finding.blocking] == ["board-scale"]
     assert all(view.used for view in result.views)
-    # By four standard deviations, and what the prior of 0.2 % (where no view is excluded) or 5 % draws it to 1.
+    # Four standard deviations, plus the pull of the prior of 0.2 % (if no view is excluded) or 5 % towards 1.
     assert abs(result.board_scale - (1 + scale)) < 4 * result.board_scale_sigma + 0.15 * abs(scale)
-    # X has what is left of the size's error (0.9 % of 6 % at most) over the 0.35 m to the board, in millimetres.
+    # X has the rest of the error of the size (at most 0.9 % of 6 %) over the 0.35 m to the board, millimetres.
     assert error_of(result.X, recorded.X)[1] < 3.0
 
 
-def test_views_excluded_for_another_reason_do_not_free_the_scale() -> None:
+def test_views_excluded_for_another_reason_do_not_change_the_scale() -> None:
     recorded = record(1, 15, plan=realistic_plan)
     views = list(recorded.observations.views)
     views[2], views[9] = (

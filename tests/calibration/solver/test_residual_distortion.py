@@ -1,4 +1,4 @@
-"""Residual distortion: sign, size and an honest sigma of what remains in the corners."""
+"""Residual distortion: sign, size and sigma of the distortion that remains in the corners."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from tests.calibration.board_views import Noise, Recorded, realistic_plan, recor
 
 
 def residual_of(recorded: Recorded, k1: float) -> ResidualDistortion:
-    """Of pictures bent by `k1`, from the true calibration on."""
+    """Return the residual distortion of images distorted by `k1`, starting at the true calibration."""
     corners = stack_corners(recorded.observations)
     rays = (corners.pixels - corners.K[:2, 2]) / corners.K[[0, 1], [0, 1]]
     bent = rays * (1 + k1 * (rays**2).sum(axis=2, keepdims=True)) * corners.K[[0, 1], [0, 1]] + corners.K[:2, 2]
@@ -30,14 +30,14 @@ def residual_of(recorded: Recorded, k1: float) -> ResidualDistortion:
 
 
 @pytest.mark.parametrize("k1", [-0.1, -0.03, 0.03, 0.1])
-def test_it_is_read_from_the_residuals(k1: float) -> None:
+def test_the_distortion_is_estimated_from_the_residuals(k1: float) -> None:
     found = residual_of(record(2, 12, plan=realistic_plan), k1)
-    # The next order, which is neglected, is about a tenth of it.
+    # The neglected next order is about a tenth of it.
     assert found.k1 == pytest.approx(k1, rel=0.2, abs=3 * found.sigma)
     assert abs(found.k1) > 6 * found.sigma
 
 
-def test_a_lens_without_it_and_a_camera_that_is_a_little_off() -> None:
+def test_errors_of_the_camera_matrix_are_not_taken_for_distortion() -> None:
     noise = Noise(focal=0.003, centre_px=(1.5, -1.0), scale=0.002)
     for k in range(8):
         found = residual_of(record(k, 12, noise, realistic_plan), 0.0)

@@ -1,4 +1,4 @@
-"""Hand-eye files: what is read from them, and what is refused by which name."""
+"""Hand-eye files: reading, writing, and the errors of invalid files."""
 
 import hashlib
 import json
@@ -33,7 +33,7 @@ def load(path: Path, days: float = 90.0) -> HandEye:
 
 
 def written(folder: Path, **changes: Any) -> Path:
-    """A good file with some of its fields changed; those that are `...` are left out."""
+    """Write a valid file with some fields changed, and return its path. Fields that are `...` are omitted."""
     path = folder / "hand_eye.json"
     write_hand_eye(path, T, created=NOW - timedelta(days=10), camera_id="19443010", robot_serial="20225500123")
     document = json.loads(path.read_text()) | changes
@@ -41,24 +41,26 @@ def written(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def test_what_was_written_is_read(tmp_path: Path) -> None:
+def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, T, created=NOW, camera_id="19443010", robot_serial="20225500123")
     got = load(path)
-    # Only the rotation's way through a unit quaternion rounds.
+    # Only the conversion of the rotation to a unit quaternion rounds.
     np.testing.assert_allclose(got.T_flange_camera, T, rtol=0, atol=1e-15)
     assert (got.created, got.camera_id, got.robot_serial) == (NOW, "19443010", "20225500123")
     assert got.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert got.warnings == ()
-    assert [file.name for file in tmp_path.iterdir()] == ["hand_eye.json"], "nothing is left beside it"
+    assert [file.name for file in tmp_path.iterdir()] == ["hand_eye.json"], "no temporary file is left"
 
 
 @given(st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3), st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3))
-def test_any_mounting_survives(tmp_path_factory: pytest.TempPathFactory, xyz: list[float], turn: list[float]) -> None:
+def test_any_mounting_is_read_as_it_was_written(
+    tmp_path_factory: pytest.TempPathFactory, xyz: list[float], turn: list[float]
+) -> None:
     path = tmp_path_factory.mktemp("any") / "hand_eye.json"
     mounting = from_rotation_vector(xyz, turn)
     write_hand_eye(path, mounting, created=NOW)
-    # A few roundings of entries of size 1.
+    # A few rounding errors of entries of size 1.
     np.testing.assert_allclose(load(path).T_flange_camera, mounting, rtol=0, atol=2e-15)
 
 
@@ -70,7 +72,7 @@ def test_a_file_is_replaced_and_its_hash_changes(tmp_path: Path) -> None:
     assert load(path).sha256 != before.sha256
 
 
-def test_the_form_of_recordings_is_taken_with_what_cannot_be_checked(tmp_path: Path) -> None:
+def test_a_file_of_a_recording_is_read_with_warnings(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     path.write_text(json.dumps({"T_flange_camera": T.tolist()}))
     got = load(path)
@@ -99,17 +101,17 @@ def test_a_camera_that_looks_back_at_the_arm_is_a_warning(tmp_path: Path, degree
     assert all(f"{degrees} degrees from the flange's z" in text and "x, y, z, w" in text for text in warnings)
 
 
-def test_the_identity_with_its_real_part_first_is_a_warning(tmp_path: Path) -> None:
+def test_a_quaternion_with_its_real_part_first_is_a_warning(tmp_path: Path) -> None:
     wrong = {"xyz_m": [0.0, 0.0, 0.05], "quat_xyzw": [1.0, 0.0, 0.0, 0.0]}
     assert "180 degrees" in load(written(tmp_path, T_flange_camera=wrong)).warnings[0]
 
 
-def test_more_than_is_needed_is_left_alone(tmp_path: Path) -> None:
+def test_additional_fields_are_ignored(tmp_path: Path) -> None:
     got = load(written(tmp_path, made_by="another tool", residuals=[[0.0] * 6] * 6))
     assert got.camera_id == "19443010"
 
 
-def test_age_is_counted_across_time_zones(tmp_path: Path) -> None:
+def test_the_age_accounts_for_time_zones(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, T, created=(NOW - timedelta(days=2)).astimezone(timezone(timedelta(hours=-7))))
     assert load(path, 2.0).created == NOW - timedelta(days=2)
@@ -117,7 +119,7 @@ def test_age_is_counted_across_time_zones(tmp_path: Path) -> None:
         load(path, 1.9)
 
 
-def test_the_clock_counts_unless_a_time_is_given(tmp_path: Path) -> None:
+def test_the_age_is_by_the_clock_by_default(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, T, created=datetime.now(UTC) - timedelta(days=3))
     assert load_hand_eye(path, 4.0).created is not None
@@ -125,7 +127,7 @@ def test_the_clock_counts_unless_a_time_is_given(tmp_path: Path) -> None:
         load_hand_eye(path, 2.0)
 
 
-def test_a_clock_may_be_a_day_ahead_not_two(tmp_path: Path) -> None:
+def test_a_date_may_be_one_day_in_the_future(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_hand_eye(path, T, created=NOW + timedelta(days=1))
     assert load(path).created is not None
@@ -182,7 +184,7 @@ def moved(metres: float) -> dict[str, list[float]]:
     ],
     ids=lambda value: str(value)[:50],
 )
-def test_a_senseless_file_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+def test_an_invalid_file_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = written(tmp_path, **changes)
     with pytest.raises(HandEyeInvalidError) as refused:
         load(path)
@@ -191,19 +193,19 @@ def test_a_senseless_file_is_refused(tmp_path: Path, changes: dict[str, Any], ex
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"{", b"[1, 2]", b"3", b"[" * 100_000])
-def test_what_is_no_json_object_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_a_json_object_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "hand_eye.json"
     path.write_bytes(content)
     with pytest.raises(HandEyeInvalidError, match="is not"):
         load(path)
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(HandEyeMissingError, match=r"no hand-eye calibration .*none\.json: calibrate, or set"):
         load(tmp_path / "none.json")
 
 
-def test_what_is_no_file(tmp_path: Path) -> None:
+def test_a_folder_and_a_huge_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(HandEyeUnreadableError, match="is not a file"):
         load(tmp_path)
     huge = tmp_path / "huge.json"
@@ -213,9 +215,9 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         load(huge)
 
 
-def test_every_refusal_says_that_it_is_about_the_calibration() -> None:
+def test_every_error_has_a_slug_of_the_calibration() -> None:
     slugs = [error.slug for error in HandEyeError.__subclasses__()]
-    slugs.remove("calibration")  # of inputs: each error has a slug of its own there
+    slugs.remove("calibration")  # errors of inputs, each of which has its own slug
     assert len(set(slugs)) == len(slugs) >= 8
     assert all(slug.startswith("calibration-") for slug in slugs)
 
@@ -229,12 +231,12 @@ def test_a_calibration_of_another_camera_or_robot_is_refused(tmp_path: Path) -> 
         require_match(hand_eye, "19443010", "888")
 
 
-def test_what_is_not_known_is_not_compared(tmp_path: Path) -> None:
+def test_unknown_ids_are_not_compared(tmp_path: Path) -> None:
     require_match(load(written(tmp_path, camera_id=None, robot_serial=...)), "777", "888")
     require_match(load(written(tmp_path)), None, None)
 
 
-def test_nothing_senseless_is_written(tmp_path: Path) -> None:
+def test_an_invalid_pose_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     with pytest.raises(NotRigidError):
         write_hand_eye(path, 2 * np.eye(4), created=NOW)

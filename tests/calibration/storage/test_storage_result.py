@@ -1,4 +1,4 @@
-"""Solved calibrations on disk: what was solved is read again, and what must not be used is refused."""
+"""Files of solved calibrations are read as they were written, and unusable ones are refused."""
 
 import json
 from dataclasses import replace
@@ -48,7 +48,7 @@ def as_json(finding: Finding) -> dict[str, Any]:
 
 
 def covariance() -> np.ndarray:
-    """Of an error of some 0.02 degrees and 0.15 mm, its parts dependent on one another."""
+    """Return a covariance (6, 6) with correlations, for errors of about 0.02 degrees and 0.15 mm."""
     root = np.random.default_rng(5).normal(size=(6, 6)) * np.array([[3e-4] * 3 + [1e-4] * 3]).T
     return root @ root.T
 
@@ -89,18 +89,18 @@ def load(path: Path) -> HandEye:
 
 
 def written(folder: Path, solved: HandEyeResult, **changes: Any) -> Path:
-    """A solved calibration's file with some of its fields changed."""
+    """Write the file of a solved calibration with some fields changed, and return its path."""
     path = folder / "hand_eye.json"
     write_result(path, solved, seen("one", "two"))
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
     return path
 
 
-def test_a_solved_calibration_is_read_again(tmp_path: Path) -> None:
+def test_a_solved_calibration_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "hand_eye.json"
     write_result(path, result(), seen("one", "two"))
     got = load(path)
-    # Only the rotations' way through unit quaternions rounds.
+    # Only the conversion of the rotations to unit quaternions rounds.
     np.testing.assert_allclose(got.T_flange_camera, X, rtol=0, atol=1e-15)
     assert got.T_base_board is not None
     np.testing.assert_allclose(got.T_base_board, Y, rtol=0, atol=1e-15)
@@ -125,7 +125,7 @@ def test_paths_may_be_strings(tmp_path: Path) -> None:
     assert previous_path(active).exists()
 
 
-def test_the_file_says_in_which_frame_the_covariance_is(tmp_path: Path) -> None:
+def test_the_file_has_the_convention_of_the_covariance(tmp_path: Path) -> None:
     document = json.loads(written(tmp_path, result()).read_text())
     assert document["covariance"]["order"] == ["rx", "ry", "rz", "tx", "ty", "tz"]
     assert document["covariance"]["units"] == ["rad"] * 3 + ["m"] * 3
@@ -160,9 +160,7 @@ def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
         ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
     ],
 )
-def test_a_file_of_version_1_is_refused_for_its_own_reasons(
-    tmp_path: Path, changes: dict[str, Any], expected: str
-) -> None:
+def test_an_invalid_file_of_version_1_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     with pytest.raises(HandEyeRefusedError, match=expected):
         load(in_version_1(written(tmp_path, result()), **changes))
 
@@ -180,7 +178,7 @@ def test_version_2_has_no_names_of_version_1(tmp_path: Path) -> None:
         load(path)
 
 
-def test_warnings_go_with_the_calibration(tmp_path: Path) -> None:
+def test_warnings_are_stored_with_the_calibration(tmp_path: Path) -> None:
     got = load(written(tmp_path, result(WARNING)))
     assert (got.verdict, got.findings) == ("warn", (WARNING,))
     assert WARNING.message in got.warnings
@@ -194,7 +192,7 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
     assert json.loads(path.read_text())["T_flange_camera"] is None
     with pytest.raises(HandEyeRefusedError, match=r"was refused when it was solved: views disagree by 4 mm") as refused:
         load(path)
-    assert "second distance" not in str(refused.value), "what only warns did not refuse it"
+    assert "second distance" not in str(refused.value), "a warning is not the reason of the refusal"
     assert refused.value.slug == "calibration-refused"
 
 
@@ -212,21 +210,23 @@ def test_a_refused_calibration_is_written_and_never_loaded(tmp_path: Path) -> No
         ({"verdict": "refuse"}, "the file does not say why"),
     ],
 )
-def test_a_verdict_alone_is_not_relied_on(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+def test_findings_and_verification_are_checked_beside_the_verdict(
+    tmp_path: Path, changes: dict[str, Any], expected: str
+) -> None:
     with pytest.raises(HandEyeRefusedError, match=expected):
         load(written(tmp_path, result(), **changes))
 
 
-def test_one_that_was_not_verified_may_be_used(tmp_path: Path) -> None:
+def test_an_unverified_calibration_may_be_used(tmp_path: Path) -> None:
     assert load(written(tmp_path, result(), verification={"passed": False, "message": "no view", "views": []}))
 
 
-def test_an_age_without_a_limit_that_is_a_number_is_no_age(tmp_path: Path) -> None:
+def test_a_calibration_is_stale_if_the_limit_is_not_a_number(tmp_path: Path) -> None:
     with pytest.raises(HandEyeStaleError, match=r"is 1\.0 days old"):
         load_hand_eye(written(tmp_path, result()), float("nan"), NOW + timedelta(days=1))
 
 
-def test_a_camera_in_the_cell_is_none_on_the_flange(tmp_path: Path) -> None:
+def test_a_fixed_camera_cannot_be_loaded_as_hand_eye(tmp_path: Path) -> None:
     far = from_rotation_vector((1.8, 0.4, 1.2), (2.5, 0, 0))
     path = tmp_path / "hand_eye.json"
     write_result(path, result(mounting="eye-to-hand", X=far), replace(seen("one"), mounting="eye-to-hand"))
@@ -280,9 +280,7 @@ def changed(matrix: np.ndarray, row: int, column: int, value: float) -> dict[str
     ],
     ids=lambda value: str(value)[-50:],
 )
-def test_what_is_given_beside_the_transform_is_checked_too(
-    tmp_path: Path, changes: dict[str, Any], expected: str
-) -> None:
+def test_invalid_additional_values_are_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = written(tmp_path, result(), **changes)
     with pytest.raises(HandEyeInvalidError) as refused:
         load(path)
@@ -295,7 +293,7 @@ def test_a_solution_without_a_covariance_is_not_used(tmp_path: Path) -> None:
         load(written(tmp_path, result(covariance=np.full((6, 6), np.inf))))
 
 
-def test_a_good_solution_far_from_the_flange_is_not_written(tmp_path: Path) -> None:
+def test_a_solution_far_from_the_flange_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(HandEyeInvalidError, match="look like millimetres"):
         write_result(tmp_path / "h.json", result(X=from_rotation_vector((57, 0, 0), (0, 0, 0))), seen("one"))
     with pytest.raises(HandEyeInvalidError, match="a time zone is needed"):
@@ -303,7 +301,7 @@ def test_a_good_solution_far_from_the_flange_is_not_written(tmp_path: Path) -> N
     assert not list(tmp_path.iterdir())
 
 
-def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
+def test_observations_are_read_exactly(tmp_path: Path) -> None:
     path, given, held_out = tmp_path / "hand_eye.json", seen("one", "two"), seen("three")
     write_result(path, result(), given, held_out)
     kept = load_observations(tmp_path / "observations.json")
@@ -340,7 +338,7 @@ def test_observations_are_read_again_to_the_last_digit(tmp_path: Path) -> None:
     ],
     ids=lambda value: str(value)[:40],
 )
-def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+def test_invalid_observations_are_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = written(tmp_path, result()).with_name("observations.json")
     document = json.loads(path.read_text())
     document["views"][0] |= changes
@@ -351,12 +349,12 @@ def test_senseless_observations_are_refused(tmp_path: Path, changes: dict[str, A
     assert str(path) in str(refused.value)
 
 
-def test_observations_that_are_not_there(tmp_path: Path) -> None:
+def test_missing_observations_are_reported(tmp_path: Path) -> None:
     with pytest.raises(CalibrationFolderError, match=r"there is no .*solve from the images first"):
         load_observations(tmp_path / "observations.json")
 
 
-def test_activation_keeps_the_former_one(tmp_path: Path) -> None:
+def test_an_activation_keeps_the_former_calibration(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     active = tmp_path / "cell" / "hand_eye.json"
     run_file = written(tmp_path / "run", result())
@@ -365,14 +363,14 @@ def test_activation_keeps_the_former_one(tmp_path: Path) -> None:
     assert [file.name for file in active.parent.iterdir()] == ["hand_eye.json"]
     first = active.read_bytes()
     run_file = written(tmp_path / "run", result(WARNING))
-    for _ in range(2):  # again, the former one is not lost
+    for _ in range(2):  # a second activation does not lose the former calibration
         activate(run_file, active)
         assert active.read_bytes() == run_file.read_bytes()
         assert (active.parent / "hand_eye.previous.json").read_bytes() == first
     assert load(active).findings == (WARNING,)
 
 
-def test_the_former_one_is_not_lost_where_it_cannot_be_kept(tmp_path: Path) -> None:
+def test_an_activation_fails_if_the_former_calibration_cannot_be_kept(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     active = tmp_path / "hand_eye.json"
     write_hand_eye(active, X, created=NOW)
@@ -385,7 +383,7 @@ def test_the_former_one_is_not_lost_where_it_cannot_be_kept(tmp_path: Path) -> N
     assert active.read_bytes() == before
 
 
-def test_what_cannot_be_used_is_not_activated(tmp_path: Path) -> None:
+def test_an_unusable_calibration_is_not_activated(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     active = tmp_path / "hand_eye.json"
     write_hand_eye(active, X, created=NOW)

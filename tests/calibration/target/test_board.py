@@ -67,21 +67,21 @@ def test_even_rows_are_rejected_for_charuco_only():
     assert Board("circles", 4, 10, 0.02).rows == 10
 
 
-def test_dictionaries_are_those_of_opencv():
+def test_marker_dictionaries_are_those_of_opencv():
     for name, count in MARKER_COUNTS.items():
         assert len(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)).bytesList) == count, name
 
 
-def test_points_are_opencvs_corners():
+def test_the_points_are_the_corners_of_opencv():
     board = Board()
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     opencv = cv2.aruco.CharucoBoard((board.columns, board.rows), board.pitch_m, board.marker_m, dictionary)
     corners = np.array(opencv.getChessboardCorners()) + [*board.print_corner, 0.0]
-    np.testing.assert_allclose(board.points, corners, atol=1e-8)  # OpenCV's are float32
+    np.testing.assert_allclose(board.points, corners, atol=1e-8)  # OpenCV uses float32
 
 
 def test_z_points_into_the_paper():
-    # Seen from the front, x points right and y down, so that z points along the line of sight.
+    # Seen from the front, x points right and y down, so z points along the line of sight.
     board = Board()
     picture = render_board(board, 30)
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)

@@ -20,13 +20,13 @@ CHARUCO = Board()
 def picture(
     board: Board = CHARUCO, distance_m: float = 0.4, tilt_deg: float = 25.0, roll_deg: float = 40.0, **light: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """An image of 640 x 400 pixels, and where all of the board's corners are in it (N, 2)."""
+    """Return an image of 640 x 400 pixels and the true pixels (N, 2) of all corners of the board."""
     T = board_before_camera(board, distance_m, tilt_deg, tilt_axis_deg=70.0, roll_deg=roll_deg)
     return render(board, T, K_640, np.random.default_rng(7), Light(**light)), true_pixels(board, T, K_640)
 
 
 @pytest.mark.parametrize(("K", "distances"), [(K_1280, (0.27, 0.4)), (K_640, (0.36, 0.6))], ids=["1280x800", "640x400"])
-def test_corners_of_fifteen_views_read_from_files(K: NDArray[np.float64], distances: tuple[float, ...], tmp_path: Path):
+def test_corners_of_fifteen_image_files_are_exact(K: NDArray[np.float64], distances: tuple[float, ...], tmp_path: Path):
     rng = np.random.default_rng(1)
     possible, errors = 0, []
     for view in range(15):
@@ -41,7 +41,7 @@ def test_corners_of_fifteen_views_read_from_files(K: NDArray[np.float64], distan
         errors.append(sighting.pixels - truth[sighting.ids])
     found = np.vstack(errors)
     assert len(found) >= 0.99 * possible
-    # What is asked for is 0.1 px; 0.02 is what it does.
+    # The requirement is 0.1 px; the detector reaches 0.02 px.
     assert np.sqrt((found**2).sum(axis=1).mean()) <= 0.04
     assert np.abs(found).max() <= 0.15
 
@@ -51,14 +51,14 @@ def test_corners_of_fifteen_views_read_from_files(K: NDArray[np.float64], distan
     [{"blur_px": 1.5}, {"blur_px": 0.3}, {"noise": 8.0}, {"black": 8.0, "white": 50.0, "table": 30.0}],
     ids=["out of focus", "sharp", "noisy", "dim"],
 )
-def test_corners_in_poor_light(light: dict[str, float]):
+def test_corners_are_detected_in_poor_light(light: dict[str, float]):
     image, truth = picture(CHARUCO, **light)
     sighting = detect_board(image, CHARUCO)
     assert len(sighting.ids) == len(truth)
     assert np.linalg.norm(sighting.pixels - truth, axis=1).max() <= 0.15
 
 
-def test_hidden_corners_shift_no_others():
+def test_hidden_corners_do_not_shift_others():
     image, truth = picture(distance_m=0.36)
     for start, end in pairwise(truth[[3, 20, 47]]):
         cv2.line(image, start.astype(int).tolist(), end.astype(int).tolist(), 230, 9, cv2.LINE_AA)
@@ -68,7 +68,7 @@ def test_hidden_corners_shift_no_others():
     assert np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max() <= 0.15
 
 
-def test_part_of_a_charuco_board_is_enough():
+def test_part_of_a_charuco_board_is_sufficient():
     T = board_before_camera(CHARUCO, 0.36, 20.0, aside_m=(0.29, 0.12))
     truth = true_pixels(CHARUCO, T, K_640)
     sighting = detect_board(render(CHARUCO, T, K_640, np.random.default_rng(0)), CHARUCO)
@@ -78,7 +78,7 @@ def test_part_of_a_charuco_board_is_enough():
     assert np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max() <= 0.15
 
 
-def test_lens_distortion():
+def test_corners_are_detected_with_lens_distortion():
     distortion = np.array([-0.2, 0.02, 0.001, -0.001])
     T = board_before_camera(CHARUCO, 0.36, 20.0, roll_deg=30.0)
     image = render(CHARUCO, T, K_640, np.random.default_rng(0))
@@ -110,7 +110,7 @@ def test_sigma_is_the_error_of_a_coordinate(noise: float):
         sigmas.append(sighting.corner_sigma_px)
         errors.append(sighting.pixels - truth[sighting.ids])
     rms = np.sqrt(np.mean(np.vstack(errors) ** 2))
-    # A median of 96 values, three times: to ten per cent; and the cubic fit explains a little of what is error.
+    # The median of 96 values has an error of 10 % at three times its sigma, and the cubic fit removes some noise.
     assert 0.65 <= np.median(sigmas) / rms <= 1.35
 
 
@@ -130,7 +130,7 @@ def test_a_mirrored_image_is_reported(axis: int):
     assert error.value.slug == "board-mirrored"
 
 
-def test_upside_down_is_not_mirrored():
+def test_an_upside_down_image_is_not_mirrored():
     image, truth = picture()
     sighting = detect_board(np.rot90(image, 2), CHARUCO)
     turned = np.array([image.shape[1], image.shape[0]]) - 1 - truth
@@ -146,7 +146,7 @@ def test_upside_down_is_not_mirrored():
     ],
     ids=str,
 )
-def test_an_image_without_a_board(board: Board, words: str):
+def test_an_image_without_a_board_is_reported(board: Board, words: str):
     image = np.clip(np.random.default_rng(0).normal(12.0, 5.0, (400, 640)), 0, 255).astype(np.uint8)
     with pytest.raises(BoardNotSeenError) as error:
         detect_board(image, board)
@@ -192,7 +192,7 @@ def test_too_few_corners_are_rejected():
         ("image.png", "a str"),
     ],
 )
-def test_arrays_that_are_no_images_are_rejected(image: NDArray[np.uint8], words: str):
+def test_arrays_that_are_not_images_are_rejected(image: NDArray[np.uint8], words: str):
     with pytest.raises(BoardImageError) as error:
         detect_board(image, CHARUCO)
     assert words in str(error.value)
@@ -208,7 +208,7 @@ def test_tiny_images_show_no_board(shape: tuple[int, int], board: Board):
         detect_board(np.full(shape, 128, dtype=np.uint8), board)
 
 
-def test_colour_and_views_of_arrays_are_taken():
+def test_colour_images_and_array_views_are_accepted():
     image, truth = picture()
     colour = np.repeat(image[:, :, None], 3, axis=2)
     wide = np.zeros((400, 1280), dtype=np.uint8)

@@ -20,7 +20,7 @@ def sight(
     distance_m: float = 0.45,
     dots: tuple[float, float] = DOT_DIAMETERS,
 ) -> tuple[DetectedBoard, NDArray[np.float64]]:
-    """What is found in an image, and where all corners truly are (N, 2)."""
+    """Return the detected board of an image and the true pixels (N, 2) of all corners."""
     T = board_before_camera(board, distance_m, 28.0, tilt_axis_deg=50.0, roll_deg=roll_deg)
     image = render(board, T, K, np.random.default_rng(3), dots=dots)
     return detect_board(image, board), true_pixels(board, T, K)
@@ -41,7 +41,7 @@ def off_px(sighting: DetectedBoard, truth: NDArray[np.float64]) -> float:
     ],
     ids=str,
 )
-def test_unique_numbering(board: Board, roll_deg: float):
+def test_a_unique_numbering_is_detected(board: Board, roll_deg: float):
     sighting, truth = sight(board, roll_deg)
     assert sighting.is_numbering_unique
     assert sighting.ids.tolist() == list(range(len(truth)))
@@ -62,14 +62,14 @@ def test_unique_numbering(board: Board, roll_deg: float):
     ],
     ids=str,
 )
-def test_ambiguous_numbering(board: Board, ways: int, roll_deg: float):
+def test_an_ambiguous_numbering_is_one_of_the_allowed(board: Board, ways: int, roll_deg: float):
     sighting, truth = sight(board, roll_deg, dots=(DOT_DIAMETERS[0], DOT_DIAMETERS[0]))
     assert not sighting.is_numbering_unique
     assert len(sighting.ids) == len(truth)
     numberings = symmetric_numberings(board)
     assert len(numberings) == ways
     errors = sorted(off_px(sighting, truth[numbering]) for numbering in numberings)
-    # One of them is right, and the others are off by the board's size.
+    # One numbering is right, and the others are off by the size of the board.
     assert errors[0] <= 0.12
     assert errors[1] > 50.0
 
@@ -101,8 +101,8 @@ def test_symmetric_numberings_map_the_board_to_itself(board: Board, ways: int):
 
 
 @pytest.mark.parametrize("dots", [(0.4, 0.7), (0.6, 0.9), (0.5, 1.0)])
-def test_dots_of_any_size_are_found_at_their_middle(dots: tuple[float, float]):
-    # Their centroids are off by up to 0.2 px (the first dot's by 0.5) with this much perspective.
+def test_dots_of_any_size_are_detected_at_their_centre(dots: tuple[float, float]):
+    # With this perspective, the centroids are off by up to 0.2 px (by 0.5 px for the first dot).
     board = Board("circles", 9, 7, 0.025)
     sighting, truth = sight(board, 20.0, K=K_1280, distance_m=0.36, dots=dots)
     assert sighting.is_numbering_unique
@@ -122,13 +122,13 @@ def test_swapped_columns_and_rows_are_reported():
 
 
 @pytest.mark.parametrize("board", [Board("checkerboard", 10, 7, 0.025), Board("circles", 10, 8, 0.02)], ids=str)
-def test_all_of_a_grid_must_be_in_the_image(board: Board):
+def test_a_grid_must_be_completely_in_the_image(board: Board):
     T = board_before_camera(board, 0.36, 20.0, aside_m=(0.25, 0.0))
     with pytest.raises(BoardNotSeenError, match="needs all of its"):
         detect_board(render(board, T, K_640, np.random.default_rng(0)), board)
 
 
-def test_other_dots_around_a_grid_do_no_harm():
+def test_other_dots_around_a_grid_are_ignored():
     board = Board("circles", 8, 6, 0.02)
     T = board_before_camera(board, 0.45, 20.0)
     image = render(board, T, K_640, np.random.default_rng(0))

@@ -27,7 +27,7 @@ BOARDS = [
 
 
 def pages_text(pdf: bytes) -> str:
-    """The page's drawing commands."""
+    """Return the drawing commands of the page."""
     for stream in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", pdf, re.DOTALL):
         try:
             text = zlib.decompress(stream).decode("latin-1")
@@ -39,7 +39,7 @@ def pages_text(pdf: bytes) -> str:
 
 
 def raster(board: Board, paper: str) -> NDArray[np.uint8]:
-    """The page as printed at so many dots per inch, (H, W) grey."""
+    """Return the page as printed at DPI dots per inch, (H, W) grey."""
     page = draw_board_page(board, paper)
     page.set_dpi(DPI)
     canvas = FigureCanvasAgg(page)
@@ -48,24 +48,24 @@ def raster(board: Board, paper: str) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("paper", PAPER_SIZES_MM)
-def test_page_has_the_papers_size(paper: str, tmp_path: Path):
+def test_the_page_has_the_size_of_the_paper(paper: str, tmp_path: Path):
     write_board_pdf(Board(), tmp_path / "board.pdf", paper)
     content = (tmp_path / "board.pdf").read_bytes()
     box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
     assert box is not None
     size = [float(points) * MM_PER_POINT for points in box.groups()]
-    assert size == pytest.approx(PAPER_SIZES_MM[paper], abs=0.01)  # across, as the board is wider than high
+    assert size == pytest.approx(PAPER_SIZES_MM[paper], abs=0.01)  # landscape, because the board is wider than high
     assert content.count(b"/Type /Page ") == 1
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=str)
-def test_line_is_100_mm_in_the_pdf(board: Board, tmp_path: Path):
+def test_the_scale_line_is_100_mm_long(board: Board, tmp_path: Path):
     write_board_pdf(board, tmp_path / "board.pdf")
     text = pages_text((tmp_path / "board.pdf").read_bytes())
     number = r"(-?[\d.]+)"
     strokes = re.findall(rf"{number} {number} m\s+{number} {number} l\s+S", text)
     lengths = [np.hypot(float(x1) - float(x0), float(y1) - float(y0)) for x0, y0, x1, y1 in strokes]
-    # The line and its two ticks, which stand at its ends.
+    # The line and the two ticks at its ends.
     assert len(lengths) == 3
     assert max(lengths) * MM_PER_POINT == pytest.approx(100.0, abs=0.01)
     line, *ticks = sorted((np.array(stroke, dtype=float).reshape(2, 2) for stroke in strokes), key=_length)[::-1]
@@ -78,19 +78,19 @@ def _length(stroke: NDArray[np.float64]) -> float:
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=str)
-def test_board_on_the_page_is_found_true_to_scale(board: Board):
+def test_the_board_on_the_page_is_true_to_scale(board: Board):
     sighting = detect_board(raster(board, "a4"), board)
     assert len(sighting.ids) == len(board.points)
     on_page = sighting.pixels * 25.4 / DPI
     wanted = board.points[:, :2] * 1e3
-    # Neither turned nor mirrored nor stretched: only shifted.
+    # The board is only shifted: not rotated, mirrored or stretched.
     off = (on_page - on_page.mean(axis=0)) - (wanted - wanted.mean(axis=0))
     assert np.abs(off).max() <= 0.1
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=str)
 @pytest.mark.parametrize("paper", PAPER_SIZES_MM)
-def test_edges_stay_white_and_words_on_the_page(board: Board, paper: str):
+def test_the_margin_is_white_and_the_text_is_on_the_page(board: Board, paper: str):
     image = raster(board, paper)
     edge = int(5.0 / 25.4 * DPI)
     inside = image[edge:-edge, edge:-edge].copy()
@@ -100,7 +100,7 @@ def test_edges_stay_white_and_words_on_the_page(board: Board, paper: str):
 
 
 @pytest.mark.parametrize("board", [*BOARDS, Board("charuco", 3, 5, 0.009, 0.007)], ids=str)
-def test_words_lie_on_the_page_and_off_the_board(board: Board):
+def test_the_text_does_not_overlap_the_board(board: Board):
     page = draw_board_page(board)
     renderer = FigureCanvasAgg(page).get_renderer()
     boxes = [text.get_window_extent(renderer) for text in page.texts]
@@ -119,8 +119,8 @@ def test_words_lie_on_the_page_and_off_the_board(board: Board):
     assert (board.dictionary in words) == (board.kind == "charuco")
 
 
-def test_same_board_gives_the_same_bytes(tmp_path: Path):
-    write_board_pdf(Board(), str(tmp_path / "1.pdf"))  # A path may be a string.
+def test_the_same_board_gives_the_same_bytes(tmp_path: Path):
+    write_board_pdf(Board(), str(tmp_path / "1.pdf"))  # a path may be a string
     write_board_pdf(Board(), tmp_path / "2.pdf")
     content = (tmp_path / "1.pdf").read_bytes()
     assert content == (tmp_path / "2.pdf").read_bytes()
@@ -138,7 +138,7 @@ def test_same_board_gives_the_same_bytes(tmp_path: Path):
     ],
     ids=str,
 )
-def test_a_board_that_does_not_fit_is_rejected_with_a_remedy(board: Board, paper: str, words: str, tmp_path: Path):
+def test_a_board_that_does_not_fit_is_rejected_with_an_action(board: Board, paper: str, words: str, tmp_path: Path):
     with pytest.raises(BoardError, match=words):
         write_board_pdf(board, tmp_path / "board.pdf", paper)
     assert not (tmp_path / "board.pdf").exists()

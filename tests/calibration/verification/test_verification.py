@@ -1,4 +1,4 @@
-"""Verification on views of a cell with a known answer; the noise is that of a good arm, 0.1 mm and 0.02 degrees."""
+"""Verification with views of a known cell. The noise is that of a good arm, 0.1 mm and 0.02 degrees."""
 
 import json
 import math
@@ -29,7 +29,7 @@ ROUGH_ARM = Noise(pixel_px=0.05, robot_m=2.9e-4, robot_rad=float(np.radians(0.06
 
 
 def plan(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it, then two views from opposite sides."""
+    """Return camera poses of a cell, then two from opposite sides."""
     side = rng.uniform(-np.pi, np.pi)
     two = [look_at(np.radians(30), side + np.pi * k, np.radians((25, -25)[k]), 0.36) for k in range(2)]
     return np.concatenate([realistic_plan(rng, count - 2), two])
@@ -41,9 +41,9 @@ class Case:
     result: HandEyeResult
 
     def later(self, camera: NDArray[np.float64] = STILL, board: NDArray[np.float64] = STILL) -> Observations:
-        """The two views, after the camera and the board were moved, each in its own frame."""
+        """Return the two views after displacements of the camera and the board, each in its own frame."""
         X, Y, observations = self.recorded.X, self.recorded.Y, self.recorded.observations
-        # The pictures stay: it is the robot that would be elsewhere to see the same.
+        # The images are unchanged. The robot would have another pose for the same image.
         T_base_flange = [
             Y @ board @ inverse(Y) @ view.T_base_flange @ X @ inverse(camera) @ inverse(X)
             for view in observations.views[SOLVED_FROM:]
@@ -55,13 +55,13 @@ class Case:
 
 
 def orbit_then_two(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """All from one distance, which does not determine the board's size, then two views from opposite sides."""
+    """Return camera poses at one distance, which do not determine the board size, then two from opposite sides."""
     two = [look_at(np.radians(30), np.pi * k, np.radians((25, -25)[k]), 0.4) for k in range(2)]
     return np.concatenate([orbit_plan(rng, count - 2), two])
 
 
 def realistic_then_near(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """As a cell does it, then two views from hardly different sides."""
+    """Return camera poses of a cell, then two from nearly the same side."""
     side = rng.uniform(-np.pi, np.pi)
     two = [look_at(np.radians(tilt), side, 0.0, 0.36) for tilt in (0.1, 22.0)]
     return np.concatenate([realistic_plan(rng, count - 2), two])
@@ -80,17 +80,17 @@ def direction(seed: int) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_calibration_that_holds_passes(seed: int) -> None:
+def test_a_valid_calibration_passes(seed: int) -> None:
     verification = verify(case(seed).result, case(seed).later())
     assert verification.passed
     assert verification.board_displacement_m is None
     assert [view.name for view in verification.views] == ["16", "17"]
-    # 0.02 degrees at half a metre and 0.1 mm along each of three axes: 0.35 mm, and what X is unsure by.
+    # 0.02 degrees at 0.5 m and 0.1 mm along each of three axes give 0.35 mm, plus the uncertainty of X.
     assert 0.0002 < verification.expected_m < 0.0006
     assert verification.max_deviation_m < 3 * verification.expected_m
 
 
-def test_without_noise_the_board_appears_just_where_it_lay() -> None:
+def test_without_noise_the_deviation_is_exact() -> None:
     still = case(0, NOISE_FREE)
     verification = verify(still.result, still.later())
     assert verification.passed
@@ -101,7 +101,7 @@ def test_without_noise_the_board_appears_just_where_it_lay() -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("off_m", "off_degrees"), [(0.003, 0.0), (0.0, 0.6)])
-def test_a_camera_that_was_moved_is_detected(seed: int, off_m: float, off_degrees: float) -> None:
+def test_a_moved_camera_is_detected(seed: int, off_m: float, off_degrees: float) -> None:
     u = direction(seed)
     drift = from_rotation_vector(off_m * u, np.radians(off_degrees) * u)
     verification = verify(case(seed).result, case(seed).later(camera=drift))
@@ -111,8 +111,8 @@ def test_a_camera_that_was_moved_is_detected(seed: int, off_m: float, off_degree
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_both_views_together_detect_what_neither_does_by_itself(seed: int) -> None:
-    # An arm that errs by 0.06 degrees: a view puts the board 1 mm off by chance, 3 mm at most.
+def test_two_views_together_detect_a_small_displacement(seed: int) -> None:
+    # With arm errors of 0.06 degrees, the board of a single view is off by 1 mm, at most 3 mm.
     rough = case(seed, ROUGH_ARM)
     assert verify(rough.result, rough.later()).passed
     later = rough.later(camera=from_rotation_vector(0.002 * direction(seed), (0, 0, 0)))
@@ -120,25 +120,25 @@ def test_both_views_together_detect_what_neither_does_by_itself(seed: int) -> No
 
 
 @pytest.mark.parametrize("along", [(0.0, 0.0, 0.003), (0.0, 0.0, -0.003)])
-def test_a_camera_that_was_moved_along_its_view_is_detected(along: tuple[float, float, float]) -> None:
+def test_a_camera_moved_along_its_view_is_detected(along: tuple[float, float, float]) -> None:
     verification = verify(case(1).result, case(1).later(camera=from_rotation_vector(along, (0, 0, 0))))
     assert not verification.passed
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_board_that_was_moved_does_not_speak_against_the_camera(seed: int) -> None:
+def test_a_moved_board_does_not_fail_the_calibration(seed: int) -> None:
     u = direction(seed)
     moved = from_rotation_vector((0.02 * u[0], 0.02 * u[1], 0.0), (0, 0, 0.3 * u[2]))
     verification = verify(case(seed).result, case(seed).later(board=moved))
     assert verification.passed
     middle = np.append(case(seed).recorded.observations.board.points.mean(axis=0), 1.0)
     way = float(np.linalg.norm((moved @ middle - middle)[:3]))
-    assert verification.board_displacement_m == pytest.approx(way, abs=0.001)  # 3 sigma of the views' mean
+    assert verification.board_displacement_m == pytest.approx(way, abs=0.001)  # three sigma of the mean of the views
     assert "the board was moved by" in verification.message
 
 
-def turned_in_place(degrees: float, tilt_degrees: float = 0.0) -> NDArray[np.float64]:
-    """About the board's middle and normal, then tilted about one of its sides."""
+def rotation_in_place(degrees: float, tilt_degrees: float = 0.0) -> NDArray[np.float64]:
+    """Return a rotation about the normal in the middle of the board, followed by a tilt about one of its sides."""
     middle = np.eye(4)
     middle[:3, 3] = case(0).recorded.observations.board.points.mean(axis=0)
     turned = from_rotation_vector((0, 0, 0), (0, 0, np.radians(degrees)))
@@ -148,10 +148,10 @@ def turned_in_place(degrees: float, tilt_degrees: float = 0.0) -> NDArray[np.flo
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("degrees", [1.0, -10.0, 90.0, 179.95])
-def test_a_board_that_was_turned_in_place_does_not_speak_against_the_camera(degrees: float, seed: int) -> None:
-    verification = verify(case(seed).result, case(seed).later(board=turned_in_place(degrees)))
+def test_a_board_rotated_in_place_does_not_fail_the_calibration(degrees: float, seed: int) -> None:
+    verification = verify(case(seed).result, case(seed).later(board=rotation_in_place(degrees)))
     assert verification.passed, verification.message
-    # Not moved, but for the noise. Turned: the views see it to 0.05 degrees, and near half a turn from either side.
+    # The displacement is noise. The rotation is measured to 0.05 degrees, near half a turn with either sign.
     assert verification.board_displacement_m is not None
     assert verification.board_rotation_rad is not None
     assert verification.board_displacement_m < 0.001
@@ -162,7 +162,7 @@ def test_a_board_that_was_turned_in_place_does_not_speak_against_the_camera(degr
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("degrees", [0.4, 1.0, 5.0])
-def test_a_camera_that_was_turned_about_its_view_is_no_board_that_was_turned(degrees: float, seed: int) -> None:
+def test_a_camera_rotated_about_its_view_is_not_taken_for_a_rotated_board(degrees: float, seed: int) -> None:
     later = case(seed).later(camera=from_rotation_vector((0, 0, 0), (0, 0, np.radians(degrees))))
     verification = verify(case(seed).result, later)
     assert not verification.passed
@@ -171,27 +171,25 @@ def test_a_camera_that_was_turned_about_its_view_is_no_board_that_was_turned(deg
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("moved", [(0.003, 0.0, 0.0), (0.0, 0.003, 0.0), (0.0, 0.0, 0.003)])
-def test_a_camera_that_was_moved_is_detected_though_the_views_hardly_differ(
-    moved: tuple[float, float, float], seed: int
-) -> None:
-    # 22 degrees from one another and turned alike about the view: the board appears moved nearly alike.
+def test_a_moved_camera_is_detected_with_similar_views(moved: tuple[float, float, float], seed: int) -> None:
+    # The views differ by 22 degrees with the same roll, so the board appears displaced nearly equally.
     near = case(seed, None, realistic_then_near)
     assert verify(near.result, near.later()).passed
     verification = verify(near.result, near.later(camera=from_rotation_vector(moved, (0, 0, 0))))
     assert not verification.passed, verification.message
 
 
-def test_a_board_that_was_tilted_might_be_a_camera_that_was_turned() -> None:
-    verification = verify(case(2).result, case(2).later(board=turned_in_place(20, tilt_degrees=1.0)))
+def test_a_tilted_board_is_not_distinguished_from_a_rotated_camera() -> None:
+    verification = verify(case(2).result, case(2).later(board=rotation_in_place(20, tilt_degrees=1.0)))
     assert not verification.passed
     tilt = float(verification.message.split("tilted by ")[1].split(maxsplit=1)[0])
-    assert tilt == pytest.approx(1.0, abs=0.2)  # 0.1 degrees by one view's corners
+    assert tilt == pytest.approx(1.0, abs=0.2)  # 0.1 degrees by the corners of one view
 
 
 @pytest.mark.parametrize("seed", [204, 307, 321, 343])
-def test_few_views_know_little_of_their_noise_and_a_good_calibration_passes_all_the_same(seed: int) -> None:
-    # Solved from eight views of an arm that errs by 0.06 degrees. Of 250 these and two more would be refused were the
-    # noise taken to be known: in standard deviations the squares are 18 to 24, where 16.3 would be the limit.
+def test_a_good_calibration_from_few_views_passes(seed: int) -> None:
+    # Solved from eight views with arm errors of 0.06 degrees. These and two more of 250 cells would be refused if the
+    # noise counted as known: the squared errors in standard deviations are 18 to 24, and the limit would be 16.3.
     recorded = record(seed, 10, ROUGH_ARM, realistic_plan)
     views = recorded.observations.views
     order = np.random.default_rng(seed).permutation(10)
@@ -204,8 +202,8 @@ def test_few_views_know_little_of_their_noise_and_a_good_calibration_passes_all_
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("along_m", [0.003, -0.003])
-def test_a_shift_along_the_view_is_detected_though_the_boards_size_is_not_verified(seed: int, along_m: float) -> None:
-    # All from one distance: the board's size, and with it the camera's place along its view, is known to 2 mm only.
+def test_a_shift_along_the_view_is_detected_with_an_unverified_board_size(seed: int, along_m: float) -> None:
+    # From one distance, the board size and the camera position along its view are known to 2 mm only.
     orbit = case(seed, None, orbit_then_two)
     assert orbit.result.covariance[5, 5] > 0.0015**2
     assert verify(orbit.result, orbit.later()).passed
@@ -214,22 +212,22 @@ def test_a_shift_along_the_view_is_detected_though_the_boards_size_is_not_verifi
     assert verification.board_displacement_m is None
 
 
-def test_a_board_that_was_raised_might_be_a_camera_that_was_moved() -> None:
-    # The board's z points into the table.
+def test_a_raised_board_is_not_distinguished_from_a_moved_camera() -> None:
+    # The z axis of the board points into the table.
     verification = verify(case(2).result, case(2).later(board=from_rotation_vector((0, 0, -0.004), (0, 0, 0))))
     assert not verification.passed
     assert "unless something was put under the board" in verification.message
 
 
-def test_one_view_alone_does_not_distinguish_board_and_camera() -> None:
+def test_one_view_does_not_distinguish_board_and_camera() -> None:
     later = case(3).later(board=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
     verification = verify(case(3).result, replace(later, views=later.views[:1]))
     assert not verification.passed
     assert "take views from two sides" in verification.message
 
 
-def test_two_views_from_one_side_cannot_either() -> None:
-    # The camera was moved across its view: seen twice from the same pose, it looks just like a board that was moved.
+def test_two_views_from_one_side_do_not_distinguish_board_and_camera() -> None:
+    # The camera was moved across its view. Two views from the same pose show the same as for a moved board.
     later = case(3).later(camera=from_rotation_vector((0.02, 0, 0), (0, 0, 0)))
     views = (later.views[0], replace(later.views[0], name="again"))
     verification = verify(case(3).result, replace(later, views=views))
@@ -245,7 +243,7 @@ def test_two_views_from_one_side_cannot_either() -> None:
         Board(kind="checkerboard", columns=9, rows=7, pitch_m=0.02),
     ],
 )
-def test_a_board_numbered_from_its_other_end_is_where_it_lay(board: Board) -> None:
+def test_a_board_numbered_from_its_other_end_has_not_moved(board: Board) -> None:
     recorded = record(8, SOLVED_FROM + 2, plan=plan, board=board)
     views = recorded.observations.views
     result = solve_hand_eye(replace(recorded.observations, views=views[:SOLVED_FROM]))
@@ -260,7 +258,7 @@ def test_a_board_numbered_from_its_other_end_is_where_it_lay(board: Board) -> No
 
 
 @pytest.mark.parametrize("nothing", ["X", "Y", "K", "joint_covariance"])
-def test_a_calibration_without_a_solution_passes_nothing(nothing: str) -> None:
+def test_a_calibration_without_a_solution_does_not_pass(nothing: str) -> None:
     result = replace(case(0).result, **{nothing: np.full(getattr(case(0).result, nothing).shape, np.nan)})
     verification = verify(result, case(0).later())
     assert not verification.passed
@@ -277,14 +275,14 @@ def test_a_calibration_without_a_solution_passes_nothing(nothing: str) -> None:
         ({"name": "17"}, "repeated-names"),
     ],
 )
-def test_views_that_cannot_be_are_refused(changes: dict[str, Any], slug: str) -> None:
+def test_invalid_views_are_refused(changes: dict[str, Any], slug: str) -> None:
     later = case(0).later()
     with pytest.raises(HandEyeInputError) as refused:
         verify(case(0).result, replace(later, views=(replace(later.views[0], **changes), later.views[1])))
     assert refused.value.slug == slug
 
 
-def test_views_without_enough_corners_pass_nothing() -> None:
+def test_views_without_enough_corners_do_not_pass() -> None:
     later = case(0).later()
     few = tuple(replace(view, ids=view.ids[:3], pixels=view.pixels[:3]) for view in later.views)
     verification = verify(case(0).result, replace(later, views=few))
@@ -292,7 +290,7 @@ def test_views_without_enough_corners_pass_nothing() -> None:
     assert "was not found in any view" in verification.message
 
 
-def test_views_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
+def test_views_of_another_board_camera_or_mounting_are_refused(tmp_path: Path) -> None:
     solved_from = replace(case(0).recorded.observations, camera_id="A1", views=(), created=datetime.now(UTC))
     write_result(tmp_path / "hand_eye.json", case(0).result, solved_from)
     hand_eye = load_hand_eye(tmp_path / "hand_eye.json", max_age_days=1)
@@ -309,7 +307,7 @@ def test_views_of_something_else_are_refused_by_name(tmp_path: Path) -> None:
         verify(case(0).result, replace(later, mounting="eye-to-hand"))
 
 
-def test_without_views_nothing_is_passed() -> None:
+def test_a_verification_without_views_does_not_pass() -> None:
     verification = verify(case(0).result, replace(case(0).later(), views=()))
     assert not verification.passed
     document = verification.to_json()
@@ -327,36 +325,37 @@ def test_without_views_nothing_is_passed() -> None:
     assert set(document.values()) == {None}
 
 
-def through_its_file(folder: Path, solved: Case) -> Verification:
+def verify_from_file(folder: Path, solved: Case) -> Verification:
+    """Write a calibration to a file, and verify the calibration that is loaded from it."""
     observations = solved.recorded.observations
     solved_from = replace(observations, views=observations.views[:SOLVED_FROM], created=datetime.now(UTC))
     write_result(folder / "hand_eye.json", solved.result, solved_from)
     return verify(load_hand_eye(folder / "hand_eye.json", max_age_days=1), solved.later())
 
 
-def test_a_calibration_from_its_file_is_judged_as_before(tmp_path: Path) -> None:
-    loaded = through_its_file(tmp_path, case(4))
+def test_a_loaded_calibration_has_the_same_verification(tmp_path: Path) -> None:
+    loaded = verify_from_file(tmp_path, case(4))
     straight = verify(case(4).result, case(4).later())
     assert loaded.max_deviation_m == pytest.approx(straight.max_deviation_m, abs=1e-9)
     assert loaded.expected_m == pytest.approx(straight.expected_m, rel=1e-6)
     assert loaded.message == straight.message
 
 
-def test_a_file_that_does_not_say_of_how_many_views_it_is_is_taken_to_be_of_few(tmp_path: Path) -> None:
-    straight = through_its_file(tmp_path, case(4))
+def test_a_file_without_its_number_of_views_counts_as_from_few(tmp_path: Path) -> None:
+    straight = verify_from_file(tmp_path, case(4))
     document = json.loads((tmp_path / "hand_eye.json").read_text())
     del document["metrics"]["views_used"], document["views"]
     (tmp_path / "hand_eye.json").write_text(json.dumps(document))
     verification = verify(load_hand_eye(tmp_path / "hand_eye.json", max_age_days=1), case(4).later())
     assert (verification.passed, verification.expected_m) == (True, straight.expected_m)
 
-    def chance_mm(words: str) -> float:
+    def detectable_mm(words: str) -> float:
         return float(words.split("about ")[1].split(maxsplit=1)[0])
 
-    assert chance_mm(verification.message) > 1.1 * chance_mm(straight.message)
+    assert detectable_mm(verification.message) > 1.1 * detectable_mm(straight.message)
 
 
-def test_the_fitted_camera_and_board_are_taken_not_the_given_ones() -> None:
+def test_the_verification_uses_the_fitted_camera_and_board() -> None:
     # The fitted camera and board have a tenth of the error of the given ones.
     wrong = case(5, Noise(focal=0.003, scale=0.002))
     verification = verify(wrong.result, wrong.later())
@@ -377,7 +376,7 @@ def test_images_of_another_size_are_refused() -> None:
         verify(case(0).result, half)
 
 
-def test_a_camera_that_stands_in_the_cell_is_verified_too() -> None:
+def test_a_fixed_camera_is_verified() -> None:
     recorded = record(7, SOLVED_FROM + 2, plan=plan, mounting="eye-to-hand")
     views = recorded.observations.views
     result = solve_hand_eye(replace(recorded.observations, views=views[:SOLVED_FROM]))
@@ -405,23 +404,23 @@ def verified(passed: bool, board_displacement_m: float | None = None, max_deviat
     )
 
 
-def test_one_that_holds_has_nothing_against_it() -> None:
+def test_a_passed_verification_has_no_finding() -> None:
     assert verification_findings(verified(True)) == ()
 
 
 @pytest.mark.parametrize("verification", [verified(False), verified(True, board_displacement_m=0.004)])
-def test_a_board_elsewhere_refuses_it_since_nobody_has_moved_it(verification: Verification) -> None:
+def test_a_displaced_board_is_a_blocking_finding(verification: Verification) -> None:
     (finding,) = verification_findings(verification)
     assert (finding.code, finding.blocking) == ("verification-failed", True)
     assert "4.0 mm and 0.57 degrees off, and about 0.5 mm and 0.01 degrees is expected" in finding.message
 
 
-def test_a_board_that_is_only_turned_is_reported_by_its_rotation() -> None:
+def test_a_rotated_board_is_reported_by_its_rotation() -> None:
     (finding,) = verification_findings(verified(False, max_deviation_m=0.0001))
     assert "0.1 mm and 0.57 degrees off, and about 0.5 mm and 0.01 degrees is expected" in finding.message
 
 
-def test_without_views_it_is_a_warning() -> None:
+def test_a_verification_without_views_is_a_warning() -> None:
     nothing = Verification((), math.nan, math.nan, math.nan, math.nan, None, None, False, "there is no view")
     (finding,) = verification_findings(nothing)
     assert (finding.code, finding.blocking) == ("not-verified", False)
