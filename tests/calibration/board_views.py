@@ -13,10 +13,10 @@ from calibration.result import HandEyeResult
 from calibration.target.board import Board
 
 Plan = Callable[[np.random.Generator, int], NDArray[np.float64]]
-"""(generator, count) -> (count, 4, 4) `T_middle_camera`: where the cameras are from the board's middle, in its axes."""
+"""(generator, count) -> (count, 4, 4) `T_middle_camera`: camera poses in the frame of the middle of the board."""
 
 BOARD = Board(columns=8, rows=11, pitch_m=0.02, marker_m=0.015)
-"""70 corners, about as large as a sheet of paper."""
+"""Board with 70 corners, about as large as a sheet of paper."""
 IMAGE = (1280, 800)
 K = np.array([[800.0, 0, 639.5], [0, 800.0, 399.5], [0, 0, 1]])
 

@@ -12,13 +12,13 @@ from calibration.target.board import Board
 from calibration.target.rendering import DOT_DIAMETERS, BoardImage, render_board
 
 K_1280 = np.array([[763.0, 0.0, 639.5], [0.0, 763.0, 399.5], [0.0, 0.0, 1.0]])
-"""A camera of 1280 x 800 pixels."""
+"""Camera matrix (3, 3) for 1280 x 800 pixels."""
 K_640 = np.array([[402.0, 0.0, 319.5], [0.0, 402.0, 199.5], [0.0, 0.0, 1.0]])
-"""A camera of 640 x 400 pixels."""
+"""Camera matrix (3, 3) for 640 x 400 pixels."""
 SAMPLES = 4
-"""Per pixel and axis."""
+"""Samples per pixel and axis."""
 TEXTURE = 128
-"""The board's own pixels per pitch."""
+"""Texture pixels of the board per pitch."""
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from tests.calibration.board_views import realistic_plan
 from tests.calibration.rendered_board import K_640, image_size, render
 
 X = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
-"""Where the camera really is on the flange."""
+"""True pose of the camera on the flange."""
 Y = from_rotation_vector((0.42, 0.03, 0.002), (np.pi, 0.0, 0.0)) @ from_rotation_vector((0, 0, 0), (0, 0, 0.7))
-"""Where the board really lies: face up."""
+"""True pose of the board on the table, face up."""
 ROBOT_M, ROBOT_RAD = 1e-4, float(np.radians(0.02))
-"""Standard deviations of the robot's errors along and about each axis."""
+"""Standard deviations of the robot errors along and about each axis, metres and radians."""
 
 
 def rendered_folder(

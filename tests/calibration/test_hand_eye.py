@@ -198,14 +198,14 @@ def test_invalid_noise_priors_are_rejected(name: str, value: float) -> None:
         replace(NoisePriors(), **{name: value})
 
 
-def test_a_noise_prior_of_zero_is_replaced_by_a_small_one() -> None:
+def test_nearly_exact_noise_priors_fix_the_board_size() -> None:
     recorded = record(1, 12, plan=realistic_plan)
     result = solve_hand_eye(recorded.observations, NoisePriors(focal=1e-9, centre=1e-9, scale=1e-9))
     assert result.verdict == "accept"
     assert result.board_scale == pytest.approx(1.0, abs=1e-6)
 
 
-def test_views_without_the_board_are_refused_with_a_message() -> None:
+def test_random_corners_are_refused_with_a_message() -> None:
     recorded = record(8, 10)
     rng = np.random.default_rng(0)
     views = tuple(replace(view, pixels=rng.uniform(20, 700, view.pixels.shape)) for view in recorded.observations.views)

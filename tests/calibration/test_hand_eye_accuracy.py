@@ -29,9 +29,9 @@ from tests.calibration.board_views import (
 MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
 NOMINAL = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)
-"""A camera and a board that are as given, which closed forms take for granted."""
+"""Priors of an exactly known camera and board, as closed forms assume."""
 COVERED = 12.592
-"""Squared error in standard deviations of six numbers that 95 of 100 stay below."""
+"""95 % quantile of the squared error of six parameters, in standard deviations."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from calibration.geometry.transforms import (
 )
 
 NEAR = {"rtol": 0, "atol": 1e-13}
-"""A few hundred roundings of doubles: everything here is below ten metres."""
+"""Tolerance of a few hundred rounding errors of doubles below ten metres."""
 
 
 def vectors(bound: float) -> st.SearchStrategy[np.ndarray]:

@@ -13,7 +13,7 @@ from calibration.pose_estimation.duplicate_poses import group_equal_poses
 from tests.calibration.board_views import Noise, realistic_plan, record, squared_error_in_sigmas
 
 WORN = Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06)))
-"""A robot three times worse than usual, so that its error dominates."""
+"""Noise of a robot with three times the usual error, so that its error dominates."""
 
 
 def repeated(observations: Observations, times: int, seed: int = 0) -> Observations:

@@ -7,7 +7,7 @@ from calibration.verification.drift import LATEST_SCANS, MAX_P_VALUE, MAX_SCANS,
 
 CALIBRATION = np.diag(np.repeat([0.001, 0.0004], 3) ** 2)
 SCAN_SIGMA = np.array([0.0006, 0.0012, 0.002, 0.0007, 0.0004, 0.0005])
-"""Some directions are known better than others, as registered scans know them."""
+"""Standard deviations of a scan (6,), radians and metres, which differ by direction as in registered scans."""
 
 
 def scan(error: np.ndarray, sigma: np.ndarray = SCAN_SIGMA, axes: np.ndarray | None = None) -> ScanLikelihood:
@@ -103,8 +103,8 @@ def test_scans_with_one_wrong_scan_do_not_agree() -> None:
 
 
 def test_only_recent_scans_count() -> None:
-    drifted, mended = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * MAX_SCANS
-    drift = judge_drift(drifted + mended, CALIBRATION)
+    drifted, correct = [scan(np.full(6, 0.01))] * 5, [scan(np.zeros(6))] * MAX_SCANS
+    drift = judge_drift(drifted + correct, CALIBRATION)
     assert (drift.scans, drift.drifted, drift.deviation_m) == (MAX_SCANS, False, 0.0)
 
 
@@ -143,7 +143,7 @@ def test_without_a_scan_there_is_no_drift() -> None:
     assert drift.error.tolist() == [0.0] * 6
 
 
-def test_a_precise_calibration_has_a_small_drift_limit() -> None:
+def test_the_drift_limit_is_smaller_for_a_precise_calibration() -> None:
     off = np.array([0, 0, 0, 0, 0.0015, 0])
     assert not judge_drift([scan(off)] * 5, CALIBRATION).drifted
     assert judge_drift([scan(off)] * 5, CALIBRATION / 25).p_value < judge_drift([scan(off)] * 5, CALIBRATION).p_value

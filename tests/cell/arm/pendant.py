@@ -13,7 +13,7 @@ class Pendant:
 
         control = RTDEControlInterface(self._host)
         if not control.setTcp(list(flange_tool)):
-            raise RuntimeError("the tool was not taken")
+            raise RuntimeError("the tool could not be set")
         control.stopScript()
 
     def hold(self) -> None:
@@ -31,7 +31,7 @@ class Pendant:
         from rtde_io import RTDEIOInterface
 
         if not RTDEIOInterface(self._host).setSpeedSlider(fraction):
-            raise RuntimeError("the speed was not taken")
+            raise RuntimeError("the speed could not be set")
 
     def close(self) -> None:
         """Do nothing: the process ends."""

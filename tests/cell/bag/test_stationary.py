@@ -24,14 +24,14 @@ from tests.cell.bag.bags import (
 from tests.cell.bag.made import FINE, T_FLANGE_CAMERA, assert_same_views, imported, made_views
 
 T_BASE_LINK_BASE = from_rotation_vector((0, 0, 0.02), (0, 0, 2.9))
-"""UR's `base` in ROS's `base_link`, about: half a turn would be its own inverse."""
+"""Approximate pose of the frame `base` of UR in `base_link` of ROS. An exact half turn would be its own inverse."""
 
 
 T_WRIST_FLANGE = from_rotation_vector((0.0, 0.0, 0.1), (-1.5, 0.0, 0.2))
 
 
 MOVE_S, REST_S, SHAKE_S = 0.8, 1.5, 0.5
-"""Of the continuous bag: how long the arm moves, and rests, and shakes at the beginning of a rest."""
+"""Durations in the continuous bag: of a move, of a rest, and of the vibration at the start of a rest, seconds."""
 
 
 def continuous(views: list[View], how: Recorded) -> Iterator[Moment]:

@@ -98,17 +98,17 @@ def test_images_that_do_not_belong_together_are_rejected() -> None:
 
 def test_only_exposures_that_began_at_rest_count() -> None:
     after_s = time.monotonic() + 0.1
-    taken = wait_for_exposures(every(0.01, lambda now: now), after_s, 3, silence_s=5.0, patience_s=5.0)
-    assert len(taken) == 3
-    assert all(exposure.began_s > after_s for exposure in taken)
+    exposures = wait_for_exposures(every(0.01, lambda now: now), after_s, 3, silence_s=5.0, patience_s=5.0)
+    assert len(exposures) == 3
+    assert all(exposure.began_s > after_s for exposure in exposures)
 
 
 def test_an_exposure_that_ended_at_rest_but_began_before_does_not_count() -> None:
     after_s = time.monotonic()
-    taken = wait_for_exposures(every(0.01, lambda now: now - 0.1), after_s, 1, silence_s=5.0, patience_s=5.0)
+    exposures = wait_for_exposures(every(0.01, lambda now: now - 0.1), after_s, 1, silence_s=5.0, patience_s=5.0)
     # It arrived at least 0.1 s after `after_s`, which is its latency.
     assert time.monotonic() - after_s >= 0.1
-    assert taken[0].began_s > after_s
+    assert exposures[0].began_s > after_s
 
 
 def test_a_silent_camera_is_distinguished_from_a_slow_one() -> None:
@@ -179,12 +179,14 @@ def test_pictures_without_content_are_rejected(pixels: NDArray[np.uint8], levels
 def test_a_picture_that_does_not_match_the_depth_image_is_rejected() -> None:
     # Single precision, as from depthai.
     assert np.array_equal(frame_with(Picture(scene(), K + 1e-5, 0.0)), scene())
-    for pixels, matrix, told in (
+    for pixels, matrix, expected in (
         (scene()[:, :60], K, "60x40, focal lengths 400.00, 400.00, centre 31.50, 19.50"),
         (scene(), K + np.diag([1.0, 0, 0]), "64x40, focal lengths 401.00, 400.00"),
         (scene(), K + [[0, 0, 0], [0, 0, 0.5], [0, 0, 0]], "centre 31.50, 20.00"),
     ):
-        with pytest.raises(BadFrameError, match=f"picture .*{told}.*does not fit its depth image .64x40, .*check its"):
+        with pytest.raises(
+            BadFrameError, match=f"picture .*{expected}.*does not fit its depth image .64x40, .*check its"
+        ):
             frame_with(Picture(pixels, matrix, 0.0))
     with pytest.raises(BadFrameError, match="picture's resolution or intrinsics changed"):
         frame_with(Picture(scene(), K, 0.0), Picture(scene()[1:], K, 0.0))

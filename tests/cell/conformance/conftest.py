@@ -13,29 +13,29 @@ from tests.cell.arm.virtual_arm import fresh
 from tests.cell.conformance.witness import Witness
 
 READY_S = 60.0
-"""A robot that is switched on takes half a minute."""
+"""Timeout of switching on, seconds. A robot needs about half a minute."""
 
 
 @pytest.fixture
 def host(request: pytest.FixtureRequest) -> str:
     """Return the address of the controller: switched on, brakes released, without a program."""
-    told = request.config.getoption("host")
-    if told is None:
+    address = request.config.getoption("host")
+    if address is None:
         controller: RunningController = request.getfixturevalue("controller")
         fresh(controller)
-        told = controller.host
-    remote = dashboard_client.send_command(told, "is in remote control", timeout=10.0)
+        address = controller.host
+    remote = dashboard_client.send_command(address, "is in remote control", timeout=10.0)
     assert remote == "true", "the robot is in local control: switch it to remote control at its pendant"
-    switch_on(told)
-    dashboard_client.send_command(told, "stop", timeout=10.0)
-    return told
+    switch_on(address)
+    dashboard_client.send_command(address, "stop", timeout=10.0)
+    return address
 
 
 @pytest.fixture
 def settings(request: pytest.FixtureRequest) -> ArmSettings:
     """Return the settings of a slow arm, because the arm may be real."""
-    told = {"model": request.config.getoption("model"), "speed_rad_s": 0.5, "flange_speed_m_s": 0.4}
-    return ArmSettings.model_validate(told)
+    options = {"model": request.config.getoption("model"), "speed_rad_s": 0.5, "flange_speed_m_s": 0.4}
+    return ArmSettings.model_validate(options)
 
 
 @pytest.fixture

@@ -32,9 +32,9 @@ pytestmark = [
 TURN_RAD = 0.8
 AT_GOAL_RAD = 2e-3
 STILL_S = 0.5
-"""From cruising to rest after a stop: 0.5 rad/s are 0.4 m/s of the flange at most, and 4 m/s2 take 0.1 s of that."""
+"""Limit from full speed to rest, seconds. 0.5 rad/s are at most 0.4 m/s at the flange, which 4 m/s2 stop in 0.1 s."""
 REPEAT_M = 5e-4
-"""The controller's own pose of an arm that came back to where it was."""
+"""Limit of the repeatability of the pose that the controller reports, metres."""
 
 
 def turned(q_rad: NDArray[np.float64], by_rad: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from tests.cell.simulation.ur_controller.rtde_client import RtdeClient
 STILL_RAD_S = 0.005
 NAMES = ("timestamp", "actual_q", "actual_qd", "runtime_state")
 STOPPED = 1
-"""The runtime state without a program."""
+"""Runtime state without a program."""
 
 
 class Witness:

@@ -29,9 +29,11 @@ def test_exact_corners_have_no_reprojection_error() -> None:
 
 def test_noise_appears_as_reprojection_error() -> None:
     observations = record(2, 20).observations
-    told = [observe_board(view, Setup.from_observations(observations)).rms_px or np.nan for view in observations.views]
+    errors_px = [
+        observe_board(view, Setup.from_observations(observations)).rms_px or np.nan for view in observations.views
+    ]
     # 0.2 px, slightly reduced by the six parameters of a pose. 20 views of 140 coordinates scatter by 1.4 %.
-    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
+    assert np.sqrt(np.mean(np.square(errors_px))) == pytest.approx(0.2 * np.sqrt(1 - 6 / 140), rel=0.05)
 
 
 def test_the_cells_of_the_image_are_numbered_row_by_row() -> None:

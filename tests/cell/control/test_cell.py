@@ -130,11 +130,11 @@ def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path)
     assert listener.events == [event for index in order for event in (("moving", index), ("recorded", index))]
     recorded = read_recording(path)
     assert [view.index for view in recorded.views] == order
-    for taken, read in zip(views, recorded.views, strict=True):
-        np.testing.assert_array_equal(taken.T_base_flange, read.T_base_flange)
+    for returned, read in zip(views, recorded.views, strict=True):
+        np.testing.assert_array_equal(returned.T_base_flange, read.T_base_flange)
         # The pose is reported by the controller. The plan uses the nominal kinematics, as the virtual arm does.
-        wanted = prepared.plan.viewpoints[taken.index].T_base_flange
-        np.testing.assert_allclose(taken.T_base_flange, wanted, atol=5e-4)
+        planned_pose = prepared.plan.viewpoints[returned.index].T_base_flange
+        np.testing.assert_allclose(returned.T_base_flange, planned_pose, atol=5e-4)
     # The arm is at home, and the cell is ready.
     np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"

@@ -25,7 +25,7 @@ from cell.simulation.pose_errors import T_FLANGE_CAMERA
 BOARD = Board()
 DEFAULT = CellSettings()
 FAR = CellSettings(workspace=WorkspaceSettings(x_m=(0.44, 0.8)))
-"""So far off that the arm cannot reach round behind the board as it would like to."""
+"""Workspace so far away that the arm cannot reach the preferred poses behind the board."""
 SMALL = CellSettings(
     arm=SimulatedArm(model="ur3e"),
     camera=SimulatedCamera(model="oak-d-sr"),
@@ -150,9 +150,11 @@ def test_without_a_held_out_pose_there_is_a_warning() -> None:
 
 def test_too_few_reachable_poses_are_refused_with_reasons() -> None:
     out_of_reach = CellSettings(workspace=WorkspaceSettings(x_m=(0.72, 1.08)))
-    with pytest.raises(ViewpointsError, match=r"only \d of 15 calibration poses can be reached, 10 are needed") as told:
+    with pytest.raises(
+        ViewpointsError, match=r"only \d of 15 calibration poses can be reached, 10 are needed"
+    ) as refused:
         plan_calibration(out_of_reach, BOARD, T_FLANGE_CAMERA, None)
-    assert "0: out of the arm's reach" in str(told.value).split("Not reached are ")[1]
+    assert "0: out of the arm's reach" in str(refused.value).split("Not reached are ")[1]
 
 
 def test_a_board_that_is_too_large_is_refused() -> None:

@@ -50,11 +50,11 @@ def cell(
 
 DEFAULT = CellSettings()
 FAR = cell(middle=(0.62, 0.0))
-"""So far off that the arm cannot reach round behind it."""
+"""Workspace so far away that the arm cannot reach poses behind it."""
 OBSTRUCTED = cell(mounting=MountingSettings(obstacles_m=(((0.0, 0.3, 0.0), (0.7, 0.4, 0.7)),)))
-"""With a wall beside the workspace, where viewpoints should be."""
+"""Cell with a wall beside the workspace, at the preferred viewpoints."""
 LARGE = cell(middle=(0.65, 0.0), half_m=0.5)
-"""More than eight pictures show."""
+"""Workspace larger than eight images cover."""
 CELLS = [
     DEFAULT,
     FAR,
@@ -224,8 +224,8 @@ def test_the_plan_is_plain_json() -> None:
     assert document["viewpoints"][0]["q_rad"] is None
     assert document["viewpoints"][0]["reason"] == "out of the arm's reach"
     assert document["legs"][-1]["view"] is None
-    taken = document["legs"][0]["view"]
-    assert document["legs"][0]["waypoints_rad"][-1] == document["viewpoints"][taken]["q_rad"]
+    first_view = document["legs"][0]["view"]
+    assert document["legs"][0]["waypoints_rad"][-1] == document["viewpoints"][first_view]["q_rad"]
     assert document["travel_rad"] == pytest.approx(sum(leg["travel_rad"] for leg in document["legs"]), abs=1e-4)
     assert document["reachable"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
 

@@ -158,14 +158,14 @@ def test_any_views_are_read_as_they_were_written(made: list[View]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scan.mcap"
         with RecordingWriter(path, HEADER) as writer:
-            told = [writer.write_view(view) for view in made]
+            returned = [writer.write_view(view) for view in made]
         recording = read_recording(path)
     assert [view.stamp_s for view in recording.views] == sorted(view.stamp_s for view in made)
     for got in recording.views:
         (wanted,) = (view for view in made if view.index == got.index)
         assert_same(got, wanted)
         # The view that the writer returns equals the view that is read.
-        (same,) = (view for view in told if view.index == got.index)
+        (same,) = (view for view in returned if view.index == got.index)
         np.testing.assert_array_equal(got.T_base_flange, same.T_base_flange)
 
 

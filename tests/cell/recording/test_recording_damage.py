@@ -185,12 +185,12 @@ def test_a_file_cut_anywhere_keeps_its_complete_views(written: bytes, tmp_path: 
 
 
 def test_a_truncated_or_zero_filled_end_keeps_the_earlier_views(written: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "torn.mcap"
+    path = tmp_path / "truncated.mcap"
     last = chunks(written)[-1]
     end = last.chunk_start_offset + last.chunk_length
-    torn = bytearray(written[:end])
-    torn[-500:] = bytes(500)
-    for data in (bytes(torn), written[: last.chunk_start_offset] + bytes(2 << 20)):
+    truncated = bytearray(written[:end])
+    truncated[-500:] = bytes(500)
+    for data in (bytes(truncated), written[: last.chunk_start_offset] + bytes(2 << 20)):
         path.write_bytes(data)
         recording = read_recording(path)
         assert [view.index for view in recording.views] == [0, 1, 2, 3]

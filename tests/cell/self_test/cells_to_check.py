@@ -74,8 +74,8 @@ def looking_cell(told_table_z_m: float = 0.0, aside_m: float = 0.0) -> CheckCont
     middle = world.T_base_scene[:3, 3] + [aside_m, 0.0, 0.0]
     T_base_flange = look_at(middle, 0.5, 1.2, 0.45, 0.1) @ inverse(world.nominal_T_flange_camera)
     depth = source.render_depth(T_base_flange)
-    told = EXACT.model_copy(update={"mounting": MountingSettings(table_z_m=told_table_z_m)})
-    context = grounds_for(told)
+    settings = EXACT.model_copy(update={"mounting": MountingSettings(table_z_m=told_table_z_m)})
+    context = grounds_for(settings)
     context.frame = Frame(depth, 1e-4, world.camera.K, time.time(), 1)
     context.state = state_at(T_base_flange)
     context.hand_eye = world.nominal_hand_eye

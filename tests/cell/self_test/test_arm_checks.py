@@ -77,7 +77,7 @@ def test_a_ready_robot_passes(robot: RunningController, hand_eye_file: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("fault", "told", "advice"),
+    ("fault", "expected", "advice"),
     [
         ("local_mode", "the robot is in local mode", "switch it to remote control"),
         ("foreign_program", "another program (welding.urp) is on the robot, playing", "stop it at the pendant first"),
@@ -87,14 +87,14 @@ def test_a_ready_robot_passes(robot: RunningController, hand_eye_file: Path) -> 
     ],
 )
 def test_a_robot_that_is_not_ready_is_reported_and_unchanged(
-    robot: RunningController, hand_eye_file: Path, fault: str, told: str, advice: str
+    robot: RunningController, hand_eye_file: Path, fault: str, expected: str, advice: str
 ) -> None:
     getattr(robot.admin, fault)()
     time.sleep(0.05)  # wait for the next cycles of the controller
     since = len(robot.admin.log())
     step = robot_step(robot, hand_eye_file)
     assert step.outcome == "failed"
-    assert told in step.message
+    assert expected in step.message
     assert step.message.startswith("UR5, serial number "), "the robot is still identified"
     assert advice in (step.what_to_do or "")
     assert "script_upload" not in {event["kind"] for event in robot.admin.log()[since:]}

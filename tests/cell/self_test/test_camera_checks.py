@@ -20,7 +20,7 @@ def test_a_camera_that_does_not_see_the_workspace_is_detected() -> None:
 
 
 @pytest.mark.parametrize(
-    ("temperature_c", "warnings", "told"),
+    ("temperature_c", "warnings", "expected"),
     [
         (None, (), None),
         (60.0, (), None),
@@ -29,17 +29,17 @@ def test_a_camera_that_does_not_see_the_workspace_is_detected() -> None:
     ],
 )
 def test_the_description_of_a_camera_is_checked(
-    temperature_c: float | None, warnings: tuple[str, ...], told: str | None
+    temperature_c: float | None, warnings: tuple[str, ...], expected: str | None
 ) -> None:
     step = camera_checks.camera_found(CameraInfo("OAK-D-PRO", "1944", 640, 400, "USB 3", temperature_c, warnings))
-    assert step.outcome == ("ok" if told is None else "warning")
+    assert step.outcome == ("ok" if expected is None else "warning")
     assert step.message.startswith("OAK-D-PRO 1944, 640x400, USB 3")
-    assert (told or "") in step.message
-    assert (step.what_to_do is None) == (told is None)
+    assert (expected or "") in step.message
+    assert (step.what_to_do is None) == (expected is None)
 
 
 @pytest.mark.parametrize(
-    ("depth_m", "share", "age_s", "focal", "aside", "outcome", "told"),
+    ("depth_m", "share", "age_s", "focal", "aside", "outcome", "expected"),
     [
         (0.5, 0.9, 0.6, 1.0, False, "ok", "90 % of the pixels measured, 0.50 to 0.50 m away"),
         (0.5, 0.1, 0.6, 1.0, False, "warning", "that is little"),
@@ -51,7 +51,7 @@ def test_the_description_of_a_camera_is_checked(
     ],
 )
 def test_a_depth_image_is_checked(
-    depth_m: float, share: float, age_s: float, focal: float, aside: bool, outcome: str, told: str
+    depth_m: float, share: float, age_s: float, focal: float, aside: bool, outcome: str, expected: str
 ) -> None:
     optics = SimulatedCamera().optics
     depth = np.zeros((optics.height, optics.width), dtype=np.uint16)
@@ -59,5 +59,5 @@ def test_a_depth_image_is_checked(
     K = optics.K @ np.diag([focal, focal, 1.0])
     step = camera_checks.depth_image(Frame(depth, 1e-4, K, 0.0, 5), age_s, optics, aside)
     assert step.outcome == outcome
-    assert told in step.message
+    assert expected in step.message
     assert (step.what_to_do is None) == (outcome == "ok")

@@ -53,11 +53,11 @@ def test_height_and_tilt_are_measured(offset_m: float, tilt_rad: float) -> None:
 
 
 def test_objects_on_the_table_do_not_change_its_height() -> None:
-    taken = plane_view(-0.2, noise_m=0.001)
-    depth = taken.depth.copy()
+    flat = plane_view(-0.2, noise_m=0.001)
+    depth = flat.depth.copy()
     depth[60:130, 120:200] = (depth[60:130, 120:200] * 0.93).astype(np.uint16)  # a box of about 4 cm
     depth[:, :40] = 0
-    seen = fit_table(view(depth, taken.T_base_camera), SETTINGS)
+    seen = fit_table(view(depth, flat.T_base_camera), SETTINGS)
     assert seen is not None
     assert seen.height_m == pytest.approx(0.0, abs=0.001)
     assert seen.share < 0.95
@@ -65,14 +65,14 @@ def test_objects_on_the_table_do_not_change_its_height() -> None:
 
 def test_without_points_near_the_table_there_is_no_height() -> None:
     assert fit_table(plane_view(-0.2 + 0.15), SETTINGS) is None
-    taken = plane_view(-0.2)
-    assert fit_table(view(np.zeros_like(taken.depth), taken.T_base_camera), SETTINGS) is None
+    flat = plane_view(-0.2)
+    assert fit_table(view(np.zeros_like(flat.depth), flat.T_base_camera), SETTINGS) is None
 
 
 def test_clutter_is_not_a_plane() -> None:
-    taken = plane_view(-0.2)
-    depth = np.random.default_rng(1).integers(1, 65535, taken.depth.shape, dtype=np.uint16)
-    seen = fit_table(view(depth, taken.T_base_camera), SETTINGS)
+    flat = plane_view(-0.2)
+    depth = np.random.default_rng(1).integers(1, 65535, flat.depth.shape, dtype=np.uint16)
+    seen = fit_table(view(depth, flat.T_base_camera), SETTINGS)
     assert seen is None or seen.share < 0.3
 
 

@@ -53,9 +53,9 @@ def test_every_viewpoint_sees_the_whole_string(name: str, scene: str) -> None:
 def test_errors_have_the_configured_size() -> None:
     rng = np.random.default_rng(0)
     T = look_at(np.array([0.4, 0.1, 0.2]), 1.0, 1.0, 0.5, 0.3)
-    told = [perturbed(T, 0.0005, 0.002, rng) for _ in range(3000)]
-    shift = np.sqrt(np.mean([((S[:3, 3] - T[:3, 3]) ** 2).sum() for S in told]))
-    turn = np.sqrt(np.mean([rotation_angle(S @ inverse(T)) ** 2 for S in told]))
+    reported = [perturbed(T, 0.0005, 0.002, rng) for _ in range(3000)]
+    shift = np.sqrt(np.mean([((S[:3, 3] - T[:3, 3]) ** 2).sum() for S in reported]))
+    turn = np.sqrt(np.mean([rotation_angle(S @ inverse(T)) ** 2 for S in reported]))
     # The root mean square of 3000 samples with three components is off by about 1 %.
     assert shift == pytest.approx(0.0005, rel=0.05)
     assert turn == pytest.approx(0.002, rel=0.05)
@@ -63,8 +63,8 @@ def test_errors_have_the_configured_size() -> None:
 
 def test_without_errors_the_reported_poses_are_true() -> None:
     T_base_camera = [look_at(np.zeros(3), k, 1.0, 0.4, 0.1 * k) for k in range(4)]
-    told = reported_flange_poses(T_base_camera, T_FLANGE_CAMERA, NO_ERRORS, np.random.default_rng(0))
-    for T_base_flange, T in zip(told, T_base_camera, strict=True):
+    reported = reported_flange_poses(T_base_camera, T_FLANGE_CAMERA, NO_ERRORS, np.random.default_rng(0))
+    for T_base_flange, T in zip(reported, T_base_camera, strict=True):
         assert T_base_flange @ T_FLANGE_CAMERA == pytest.approx(T, abs=1e-12)
 
 

@@ -84,11 +84,11 @@ def test_no_request_waits_while_the_document_is_generated(
     monkeypatch.setattr("service.api.response_cache.MAX_AGE_S", -1.0)
     monkeypatch.setattr(client.app, "openapi", make)
     with ThreadPoolExecutor(1) as pool:
-        asked = pool.submit(client.get, "/openapi.json")
+        pending = pool.submit(client.get, "/openapi.json")
         try:
             assert making.wait(PATIENCE_S)
             assert client.get("/healthz").status_code == 200
             assert client.post("/api/cell/stop").status_code == 200
         finally:
             go_on.set()
-        assert asked.result().json() == {"made": "at last"}
+        assert pending.result().json() == {"made": "at last"}

@@ -232,7 +232,7 @@ def test_a_stream_ends_when_its_client_is_no_longer_allowed(
     data, paths = service.store.folder.root, (f"/api/scans/{scan}/events", "/api/events")
     with ExitStack() as streams_open:
 
-        def followed(headers: dict[str, str]) -> list[Iterator[str]]:
+        def open_streams(headers: dict[str, str]) -> list[Iterator[str]]:
             begun = [
                 streams_open.enter_context(quick.stream("GET", path, headers=headers)).iter_lines() for path in paths
             ]
@@ -241,15 +241,15 @@ def test_a_stream_ends_when_its_client_is_no_longer_allowed(
                     pass
             return begun
 
-        anybody = followed({})
+        without_token = open_streams({})
         ann, bob = ({"Authorization": f"Bearer {add_token(data, name, 'viewer')}"} for name in ("ann", "bob"))
         try:
             # tokens exist now, so a client without one is no longer allowed
             service.store.scans.set_view(scan, 0, "recorded")
-            assert not any("recorded" in line for lines in anybody for line in rest_of(lines))
+            assert not any("recorded" in line for lines in without_token for line in rest_of(lines))
             wait_until(lambda: service.streams.open == 0)
 
-            of_ann, of_bob = followed(ann), followed(bob)
+            of_ann, of_bob = open_streams(ann), open_streams(bob)
             remove_token(data, "ann")
             service.store.scans.set_view(scan, 1, "moving")
             assert not any("moving" in line for lines in of_ann for line in rest_of(lines))

@@ -328,8 +328,8 @@ def test_serve_reports_why_it_cannot_start(capsys: pytest.CaptureFixture[str], t
         assert "another service uses this data folder" in capsys.readouterr().err
     finally:
         folder.close()
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        port = occupied.getsockname()[1]
         assert main(["serve", "--unsupervised", "--data-dir", str(tmp_path / "data"), "--port", str(port)]) == 1
     err = capsys.readouterr().err
     assert f"cannot listen on 127.0.0.1:{port}: " in err

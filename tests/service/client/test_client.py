@@ -48,12 +48,12 @@ def test_scans_reads_all_pages(planner: Client, recording: str) -> None:
 
 
 def test_the_same_key_starts_one_scan(planner: Client, recording: str) -> None:
-    wish = {"mode": "replay", "recording": recording}
-    first = planner.start(wish, key="the same")
-    assert planner.start(wish, key="the same").id == first.id
+    request = {"mode": "replay", "recording": recording}
+    first = planner.start(request, key="the same")
+    assert planner.start(request, key="the same").id == first.id
     assert planner.wait(first, timeout_s=PATIENCE_S).id == first.id
     with pytest.raises(ProblemError) as mismatch:
-        planner.start(wish | {"method": "matching"}, key="the same")
+        planner.start(request | {"method": "matching"}, key="the same")
     assert mismatch.value.slug == "idempotency-mismatch"
 
 
@@ -80,16 +80,16 @@ def test_without_a_stream_the_client_polls(serve: Serve, recording_file: Path, t
         uploaded = planner.upload(recording_file)
         assert uploaded.name == recording_file.name
         recording = uploaded.id
-        with service.stream("GET", "/api/events") as taken:
-            next(taken.iter_lines())
+        with service.stream("GET", "/api/events") as stream:
+            next(stream.iter_lines())
             seen: list[ScanProgress] = []
             assert planner.replay(recording, on_progress=seen.append, timeout_s=PATIENCE_S).state == "succeeded"
         assert seen[-1].ended
 
 
 def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        address = f"http://127.0.0.1:{taken.getsockname()[1]}"
+    with socket.create_server(("127.0.0.1", 0)) as occupied:
+        address = f"http://127.0.0.1:{occupied.getsockname()[1]}"
     with Client(address) as planner:
         with pytest.raises(UnreachableError, match="nothing was started"):
             planner.scan()
@@ -104,10 +104,10 @@ def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
 def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: httpx2.Client, recording: str) -> None:
     with (
         cutting_proxy(client.base_url.port or 80, after_bytes=0) as port,
-        Client(f"http://127.0.0.1:{port}") as behind,
+        Client(f"http://127.0.0.1:{port}") as proxied,
         pytest.raises(UnansweredError) as lost,
     ):
-        behind.replay(recording)
+        proxied.replay(recording)
     before = len(list(planner.scans(recording=recording)))
     scan = planner.wait(planner.start(lost.value.wish, lost.value.key), timeout_s=PATIENCE_S)
     assert before == 1, "the request had arrived, though its answer had not"

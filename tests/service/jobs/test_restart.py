@@ -136,5 +136,5 @@ def wait_for_end(started: set[int]) -> None:
     """Wait until all these processes have ended."""
     deadline = time.monotonic() + 60
     while any(map(runs, started)):
-        assert time.monotonic() < deadline, "the killed service left a process behind"
+        assert time.monotonic() < deadline, "a process of the killed service still runs"
         time.sleep(0.02)

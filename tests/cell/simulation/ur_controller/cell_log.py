@@ -12,7 +12,7 @@ HOME_Q_RAD = np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0))
 FAST = 10.0
 """Time factor of the fast controller."""
 PATIENCE_S = 20.0
-"""For what takes no time on a machine that has nothing else to do."""
+"""Timeout of `wait_for`, seconds. It is long because the machine may be busy."""
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test
 
 AWAY_Q_RAD = (HOME_Q_RAD + np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
 FAR_Q_RAD = (HOME_Q_RAD + np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])).tolist()
-"""So far that there is time at full speed to stop in."""
+"""Goal far enough away for a stop at full speed."""
 MOVE_S = 1 / 1.05 + 1.05 / 1.4
 
 

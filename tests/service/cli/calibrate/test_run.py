@@ -23,7 +23,7 @@ from tests.service.signalled import assert_stopped, interrupt
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
 TIMEOUT_S = 120
-"""Long, because a busy machine needs time to load the libraries."""
+"""Timeout, seconds. A busy machine needs time to load the libraries."""
 
 
 def fast_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:

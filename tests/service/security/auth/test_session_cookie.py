@@ -51,7 +51,7 @@ def test_the_cookie_is_hidden_from_scripts_and_other_sites(guarded: Guarded, bro
     (cookie,) = SimpleCookie(header).values()
     assert cookie.key == f"pointchain_{guarded.client.base_url.port}"
     assert (cookie["httponly"], cookie["samesite"], cookie["path"]) == (True, "Strict", "/")
-    assert not cookie["secure"]  # else nobody could sign in to a cell without TLS
+    assert not cookie["secure"]  # a secure cookie would not work in a cell without TLS
     assert not cookie["domain"]
     scope = {"headers": [(b"host", b"cell.example"), (b"origin", b"https://cell.example")]}
     assert "Secure" in session_cookie(scope, "x")
