@@ -49,7 +49,9 @@ def test_unreachable_viewpoints_are_refused_or_left_missing(
         warnings = cell.client.get(scan["links"]["model"]).json()["quality"]["warnings"]
         assert all(any(f"view {index} is missing" in warning for warning in warnings) for index in missing)
         # The missing views were reported before the first move.
-        events = [event.data["data"] for event in read_events(cell.client, f"{location}/events", 0) if event.kind == "view"]
+        events = [
+            event.data["data"] for event in read_events(cell.client, f"{location}/events", 0) if event.kind == "view"
+        ]
         assert [event["index"] for event in events[: len(missing)]] == sorted(missing)
         assert events[len(missing)]["state"] == "moving"
         assert_followed_plan(cell, begin)
