@@ -15,19 +15,19 @@ from service.storage.storage_errors import is_full
 def why_not_activatable(row: CalibrationRow) -> ServiceError | None:
     """Return the error with which an activation of the result is refused; None if it can be used."""
     if row.kind == "verification":
-        return _refusal(row, "not-activatable", f"{row.id} is a verification: it gives no calibration to activate")
+        message = f"{row.id} is a verification: it gives no calibration to activate"
+        return ServiceError("not-activatable", message, calibration=row.id)
     if row.state in ACTIVE_STATES:
-        return _refusal(row, "result-not-ready", f"calibration {row.id} is {row.state}; wait for its end")
+        message = f"calibration {row.id} is {row.state}; wait for its end"
+        return ServiceError("result-not-ready", message, calibration=row.id, state=row.state)
     if row.result is None:
-        return _refusal(row, "not-activatable", f"calibration {row.id} is {row.state}: it has no result to activate")
+        message = f"calibration {row.id} is {row.state}: it has no result to activate"
+        return ServiceError("not-activatable", message, calibration=row.id, state=row.state)
     if row.result["verdict"] == "refuse":
         why = "; ".join(finding["message"] for finding in row.result["findings"] if finding["blocking"])
-        return _refusal(row, "calibration-refused", f"the result must not be used: {why}")
+        message = f"the result of calibration {row.id} must not be used: {why}"
+        return ServiceError("calibration-refused", message, calibration=row.id)
     return None
-
-
-def _refusal(row: CalibrationRow, slug: str, message: str) -> ServiceError:
-    return ServiceError(slug, message, calibration=row.id, state=row.state)
 
 
 def activate_result(row: CalibrationRow, store: CalibrationStore, cell: Cell) -> None:

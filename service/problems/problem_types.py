@@ -166,7 +166,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The result of the calibration did not meet the limits, so it cannot be used.",
         action="Read the findings of the run, correct their causes, and calibrate again.",
         group="Call a person",
-        parameters=("calibration", "state"),
+        parameters=("calibration",),
     ),
     "camera-lost": ProblemType(
         title="The connection to the camera was lost",
@@ -556,7 +556,6 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         cause="The request names a host that is not among the allowed hosts of the service.",
         action="Add the name to `security.allowed_hosts`, or call the service by its address.",
         group="Get access",
-        parameters=("host",),
     ),
     "token-in-query": ProblemType(
         title="The address contains a token",

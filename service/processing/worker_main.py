@@ -30,6 +30,8 @@ log = logging.getLogger(__name__)
 
 NICE_INCREMENT = 5
 """Increment of the process's nice value, so that the service, which monitors the arm, has priority on few cores."""
+WARM_UP_DELAY_S = 5.0
+"""Time without a task after which the drawing is warmed up. At its start the service needs the cores itself."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
     if hasattr(os, "nice"):
         os.nice(NICE_INCREMENT)
     pipe.send(Ready())
-    if not pipe.poll():
+    if not pipe.poll(WARM_UP_DELAY_S):
         _warm_up_drawing()
     while True:
         try:

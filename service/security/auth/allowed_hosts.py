@@ -67,7 +67,6 @@ class AllowedHosts:
                 "host-not-allowed",
                 "the service may not be called by this name or address: add it to security.allowed_hosts of the "
                 "service's configuration",
-                host=hosts[0].decode("latin-1"),
             )
 
 

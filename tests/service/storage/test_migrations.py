@@ -135,7 +135,7 @@ def test_calibrations_of_version_7_get_the_present_names(tmp_path: Path) -> None
     assert solved.result["verification"] == solved.verification
     refusal = why_not_activatable(solved)
     assert refusal is not None
-    assert str(refusal) == "the result must not be used: views disagree"
+    assert str(refusal) == "the result of calibration solved must not be used: views disagree"
     run = run_resource(solved, views)
     assert run.result is not None
     assert (run.result.metrics.repeatability_95_m, run.result.metrics.loo_error_m) == (0.003, 0.001)
