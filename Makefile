@@ -5,10 +5,11 @@ CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -ty
 
 MANUAL := .ci/docs $(shell find docs -type f -not -path '*/__pycache__/*')
 
-.PHONY: help setup demo test soak fuzz serve lint docs pictures bench wheel licences lock clean
+.PHONY: help setup demo quick test soak fuzz serve lint docs pictures bench wheel licences lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
+	@echo 'make quick   run the quick tests of the library and the cell, within a minute'
 	@echo 'make test    run all tests'
 	@echo 'make soak    the tests that take long, hours of them: hundreds of scans, stops, faults, kills'
 	@echo 'make fuzz    call every operation of the service in 1,000 odd ways; takes long'
@@ -46,6 +47,11 @@ docs: service/console/built/.ready
 
 demo: .venv/.ready
 	@.venv/bin/pointchain demo
+
+# Tests of the library and the cell without processes, for the inner loop. Those marked `slow` take most of the time.
+quick: .venv/.ready
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n auto tests/recognition tests/calibration tests/cell \
+		-m 'not slow and not xdist_group and not soak and not hardware and not fuzz'
 
 # As many processes as cores: sums by several threads in each would only take the cores from one another.
 test: setup

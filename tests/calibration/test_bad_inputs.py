@@ -23,6 +23,8 @@ from tests.calibration.board_views import (
     with_poses,
 )
 
+pytestmark = pytest.mark.slow
+
 Poses = np.ndarray
 Spoil = Callable[[Poses, np.random.Generator], Poses]
 MOUNTINGS: tuple[Mounting, ...] = ("eye-in-hand", "eye-to-hand")

@@ -26,6 +26,8 @@ from tests.calibration.board_views import (
     squared_error_in_sigmas,
 )
 
+pytestmark = pytest.mark.slow
+
 MORE_SEEDS = pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.soak)])
 SEEDS = pytest.mark.parametrize("count", [16, pytest.param(200, marks=pytest.mark.soak)])
 NOMINAL = NoisePriors(focal=1e-5, centre=1e-5, scale=1e-5)

@@ -17,6 +17,8 @@ from recognition.preprocessing.target_cloud import Scene
 from tests.recognition.odd_scans import FAULTS, POSES, Case, Image, cases
 from tests.recognition.validity import check
 
+pytestmark = pytest.mark.slow
+
 ANY_INPUT = settings(
     derandomize=True,
     database=None,

@@ -25,6 +25,8 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.tracing.fragments import Fragment, link_nodes
 from recognition.tracing.nodes import CentreLineNodes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:

@@ -10,6 +10,8 @@ from calibration.observations import Mounting
 from calibration.result import Finding
 from tests.calibration.board_views import random_plan, realistic_plan, record
 
+pytestmark = pytest.mark.slow
+
 MOUNTINGS: tuple[Mounting, ...] = ("eye-in-hand", "eye-to-hand")
 SEEDS = (1, 2)
 

@@ -14,6 +14,8 @@ from calibration.target.board import Board
 from calibration.target.detection import detect_board
 from tests.calibration.rendered_board import K_640, K_1280, Light, board_before_camera, image_size, render, true_pixels
 
+pytestmark = pytest.mark.slow
+
 CHARUCO = Board()
 
 

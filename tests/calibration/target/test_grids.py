@@ -11,6 +11,8 @@ from calibration.target.detection import DetectedBoard, detect_board
 from calibration.target.rendering import DOT_DIAMETERS
 from tests.calibration.rendered_board import K_640, K_1280, board_before_camera, render, true_pixels
 
+pytestmark = pytest.mark.slow
+
 
 def sight(
     board: Board,

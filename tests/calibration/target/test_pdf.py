@@ -15,6 +15,8 @@ from calibration.target.board import Board, BoardError
 from calibration.target.detection import detect_board
 from calibration.target.pdf import PAPER_SIZES_MM, draw_board_page, write_board_pdf
 
+pytestmark = pytest.mark.slow
+
 MM_PER_POINT = 25.4 / 72
 DPI = 150
 BOARDS = [

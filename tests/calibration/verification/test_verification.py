@@ -23,6 +23,8 @@ from calibration.target.corner_ordering import symmetric_numberings
 from calibration.verification.verification import Verification, VerificationView, verification_findings, verify
 from tests.calibration.board_views import NOISE_FREE, Noise, Plan, Recorded, look_at, orbit_plan, realistic_plan, record
 
+pytestmark = pytest.mark.slow
+
 SOLVED_FROM, SEEDS = 15, range(6)
 STILL = np.eye(4)
 ROUGH_ARM = Noise(pixel_px=0.05, robot_m=2.9e-4, robot_rad=float(np.radians(0.06)))

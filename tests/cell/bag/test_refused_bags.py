@@ -28,6 +28,8 @@ from tests.cell.bag.bags import (
 )
 from tests.cell.bag.made import FINE, T_FLANGE_CAMERA, imported, made_views
 
+pytestmark = pytest.mark.slow
+
 
 def camera_that_hangs(T: Matrix) -> dict[tuple[str, str], Matrix]:
     """Return a camera that is fixed in the cell, so that it moves relative to the flange."""

@@ -35,6 +35,8 @@ from cell.simulation.rendering.depth_camera import camera_model
 load()
 import depthai as dai  # noqa: E402 (`load` sets what it reads)
 
+pytestmark = pytest.mark.slow
+
 OAK = OakCamera(kind="oak")
 K = np.array([[402.5, 0, 319.25], [0, 402.75, 199.5], [0, 0, 1]])
 UNNAMED = CameraInfo("test", "0", 64, 40, "none", None, ())

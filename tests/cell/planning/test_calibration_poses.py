@@ -22,6 +22,8 @@ from cell.planning.calibration_poses import (
 from cell.planning.viewpoints import Viewpoint, ViewpointPlan
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 
+pytestmark = pytest.mark.slow
+
 BOARD = Board()
 DEFAULT = CellSettings()
 FAR = CellSettings(workspace=WorkspaceSettings(x_m=(0.44, 0.8)))

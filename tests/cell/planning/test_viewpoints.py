@@ -20,6 +20,8 @@ from cell.planning.plan_plot import draw_plan
 from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 
+pytestmark = pytest.mark.slow
+
 READY = np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0))
 
 

@@ -15,6 +15,8 @@ from cell.process.child import Child, ChildBusyError, ChildLostError, NotCalledE
 from tests.cell.process.child_drivers import BrokenWhenIdle, Counted, Driver, refusing
 from tests.processes import runs
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def child():

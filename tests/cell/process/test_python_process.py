@@ -12,6 +12,8 @@ import pytest
 from cell.process.python_process import end_process, start_python
 from tests.processes import runs
 
+pytestmark = pytest.mark.slow
+
 ROOT = str(Path(__file__).parents[3])
 TIMEOUT_S = 20.0
 

@@ -24,6 +24,8 @@ from tests.cell.self_test.cells_to_check import (
     written_hand_eye,
 )
 
+pytestmark = pytest.mark.slow
+
 MOTION = {"motion_start", "script_error", "program_killed"}
 
 

@@ -10,6 +10,8 @@ from cell.simulation.scenes.ground_truth import true_crossings
 from cell.simulation.scenes.shapes import polyline_length
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 
+pytestmark = pytest.mark.slow
+
 SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS}
 
 

@@ -15,6 +15,8 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 
+pytestmark = pytest.mark.slow
+
 R = 0.0042
 FRAGMENT_R = 0.004
 

@@ -11,6 +11,8 @@ from recognition.parameters import ChainParameters
 from recognition.registration.fusion import MAX_POINTS, VOXEL_RADII
 from tests.recognition.straight_strings import GRIPPER, HALF_FINGER, TABLE_Z, R, finger_points, grasps_of, straight
 
+pytestmark = pytest.mark.slow
+
 RADII = (0.001, 0.0042, 0.012, 0.02)
 RAISED = 0.01
 """Height of the string's underside above the table: the fingers reach around the thinnest string too."""

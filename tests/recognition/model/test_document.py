@@ -17,6 +17,8 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def model() -> PointChainModel:

@@ -24,6 +24,8 @@ from recognition.registration.pose_prior import PoseSigmas
 from recognition.registration.registration import register
 from recognition.view_ingestion import IngestedViews, ingest_views
 
+pytestmark = pytest.mark.slow
+
 SCENES = ("figure-eight", "several", "straight")
 PRIOR_COVARIANCE = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().hand_eye_m], 3) ** 2)
 """Covariance for a calibration whose file has none."""

@@ -13,6 +13,8 @@ import pytest
 from cell.simulation.benchmark.worker_pool import map_in_processes, run_in_fresh_process
 from tests.processes import runs
 
+pytestmark = pytest.mark.slow
+
 TIMEOUT_S = 60.0
 """Timeout of a test that hangs."""
 

@@ -6,6 +6,8 @@ from cell.simulation.scenes.rod_relaxation import settle
 from cell.simulation.scenes.scenes import make_scene
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 
+pytestmark = pytest.mark.slow
+
 R = 0.004
 
 

@@ -8,6 +8,8 @@ from cell.simulation.scenes.shapes import polyline_length
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 from recognition.geometry.polyline import arc_length
 
+pytestmark = pytest.mark.slow
+
 FIXED_CROSSINGS = {"straight": 0, "arc": 0, "loop": 1, "figure-eight": 1, "overhand-knot": 3, "coil": 2}
 
 
