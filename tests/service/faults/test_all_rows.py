@@ -37,7 +37,7 @@ def module_marks(tree: ast.Module) -> list[ast.expr]:
     return []
 
 
-def tests_by_row() -> dict[int, list[str]]:
+def rows_of_tests() -> dict[int, list[str]]:
     """Return the node ids of the tests of each row."""
     found: dict[int, list[str]] = {}
     for path in sorted(TESTS.rglob("test_*.py")):
@@ -51,7 +51,7 @@ def tests_by_row() -> dict[int, list[str]]:
 
 
 def test_every_fault_has_a_test() -> None:
-    listed, tested = table_rows(), tests_by_row()
+    listed, tested = table_rows(), rows_of_tests()
     assert listed == set(range(1, max(listed) + 1)), "a row of the table is missing"
     for row, tests in sorted(tested.items()):
         print(f"{row:2}", *tests, sep="  ")
