@@ -2,11 +2,11 @@
 
 import contextlib
 import os
-import select
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import IO
 
@@ -86,6 +86,6 @@ def exit_with_parent(pipe: int = STDIN) -> None:
 
 
 def _wait_for_parent(pipe: int, parent_pid: int) -> None:
-    while os.getppid() == parent_pid and not select.select([pipe], [], [], PARENT_CHECK_S)[0]:
+    while os.getppid() == parent_pid and not wait([pipe], PARENT_CHECK_S):
         pass
     os._exit(1)

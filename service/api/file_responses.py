@@ -72,7 +72,7 @@ def read_file(path: Path, size_bytes: int) -> bytes:
     try:
         content = path.read_bytes()
     except FileNotFoundError:  # removed a moment ago
-        raise ProblemError("no-result", "the file is gone from the data folder", file=path.name) from None
+        raise ProblemError("no-result", f"{path.name} is gone from the data folder", file=path.name) from None
     if len(content) != size_bytes:
         raise ProblemError("damaged", f"{path.name} is being changed: run `pointchain doctor`", file=path.name)
     return content

@@ -1,7 +1,7 @@
 """Cache of small images, which are drawn on request, one at a time.
 
-To read and draw a view takes about 0.1 s, most of it with the interpreter, which a stop needs too. Each image is
-drawn once for all clients.
+Reading and drawing a view takes 0.1 to 0.2 s. Most of this time the interpreter is busy, and a stop would wait for it.
+Each image is therefore drawn once for all clients.
 """
 
 import hashlib

@@ -2,8 +2,8 @@
 
 A plain `def` route passes through Starlette's threads once for each dependency, once for itself, once for the check of
 its response, and for a file once more for each chunk. With many clients, most of the work is then threads that hand the
-interpreter to one another. Even one round trip to a thread takes longer than all the rest. Measured with 16 clients:
-without kept entries, the service sends a third as many answers per second.
+interpreter to one another. Even one round trip to a thread takes longer than all the rest. With 16 clients and
+without kept entries, the service sent a third as many answers per second.
 """
 
 import asyncio

@@ -71,7 +71,7 @@ def _copy_table(copy: Path, new: sqlite3.Connection, table: str) -> str:
         try:
             new.execute(sql, list(known.values()))
             recovered += 1
-        except sqlite3.Error:  # it violates a constraint of the table
+        except sqlite3.IntegrityError:  # it violates a constraint of the table
             rejected += 1
     part = ", and a part of the table cannot be read" if errors else ""
     return f"{table}: {recovered} rows recovered, {rejected} rejected{part}"

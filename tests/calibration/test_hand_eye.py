@@ -22,6 +22,8 @@ from tests.calibration.board_views import (
     with_turned_board,
 )
 
+pytestmark = pytest.mark.slow
+
 MOUNTINGS: list[Mounting] = ["eye-in-hand", "eye-to-hand"]
 WRONG = ["swapped", "stale", "off by 10 mm", "turned"]
 

@@ -1,6 +1,7 @@
 """Every command and program in the documents runs, either here or in the test that `ELSEWHERE` names.
 
-The blocks of a page run in order, in one folder. A service with a simulated cell answers their requests.
+The blocks of a page run in order, in one folder. A recording that an earlier page has simulated with the same arguments
+is copied. A service with a simulated cell answers the requests of the blocks.
 """
 
 import ast

@@ -17,6 +17,8 @@ from calibration.target.detection import DetectedBoard
 from tests.calibration.rendered_board import K_640, true_pixels
 from tests.calibration.rendered_folder import X, Y, rendered_folder
 
+pytestmark = pytest.mark.slow
+
 SIZE = (640, 400)
 
 

@@ -12,6 +12,8 @@ from calibration.observations import BoardView, Observations
 from calibration.pose_estimation.duplicate_poses import group_equal_poses
 from tests.calibration.board_views import Noise, realistic_plan, record, squared_error_in_sigmas
 
+pytestmark = pytest.mark.slow
+
 WORN = Noise(robot_m=3e-4, robot_rad=float(np.radians(0.06)))
 """Noise of a robot with three times the usual error, so that its error dominates."""
 

@@ -26,6 +26,8 @@ from tests.cell.bag.bags import (
 )
 from tests.cell.bag.made import FINE, assert_same_views, imported, made_views
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])

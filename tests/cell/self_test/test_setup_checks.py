@@ -19,6 +19,8 @@ from tests.cell.self_test.cells_to_check import (
     written_hand_eye,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def hand_eye_file(tmp_path: Path) -> Path:

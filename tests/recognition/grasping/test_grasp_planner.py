@@ -23,6 +23,8 @@ from tests.recognition.straight_strings import (
     straight,
 )
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("degrees", [0, 37, 180, -110])
 def test_a_straight_string_is_grasped_from_above_and_across(degrees: float) -> None:

@@ -2,7 +2,8 @@
 
 import json
 import sqlite3
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,15 +13,21 @@ from service.api.server_sent_events import change_event
 from service.errors import Failure
 from service.jobs.calibration_activation import why_not_activatable
 from service.storage.data_folder import DataFolder
-from service.storage.migrations import MIGRATIONS
+from service.storage.database import migrate
 from service.storage.store import Store
+
+
+@contextmanager
+def database_of_version(version: int, folder: DataFolder) -> Iterator[sqlite3.Connection]:
+    """Yield a new database with the tables of a version. What the block writes is committed at its end."""
+    with closing(sqlite3.connect(folder.database)) as db, db:
+        migrate(db, version)
+        yield db
 
 
 def test_recordings_of_version_5_get_no_name_and_the_time_of_their_scan(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
-        with closing(sqlite3.connect(folder.database)) as db:
-            for migration in MIGRATIONS[:5]:
-                db.executescript(migration)
+        with database_of_version(5, folder) as db:
             columns = "id, created_at, size_bytes, sha256, views, missing, table_z_m, provenance"
             for name, ended in (("live", "08:55"), ("uploaded", "09:10")):
                 row = (name, ended, 1, "ab", 8, "[]", 0.0, "{}")
@@ -28,8 +35,6 @@ def test_recordings_of_version_5_get_no_name_and_the_time_of_their_scan(tmp_path
             scan = ("live", "live", "live", "graph", "succeeded", 1.0, "08:54")
             columns = "id, recording, mode, method, state, fraction, created_at"
             db.execute(f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", scan)
-            db.execute("PRAGMA user_version = 5")
-            db.commit()
         with closing(Store(folder)) as store:
             live, uploaded = store.recording("live"), store.recording("uploaded")
             assert live is not None
@@ -41,9 +46,7 @@ def test_problem_documents_of_version_6_become_failures(tmp_path: Path) -> None:
     problem = {"type": "urn:pointchain:robot-lost", "title": "Lost", "status": 503, "detail": "the link broke"}
     state = {"state": "failed", "stage": None, "fraction": 0.0, "summary": None}
     with closing(DataFolder(tmp_path)) as folder:
-        with closing(sqlite3.connect(folder.database)) as db:
-            for migration in MIGRATIONS[:6]:
-                db.executescript(migration)
+        with database_of_version(6, folder) as db:
             columns = "id, mode, method, state, fraction, created_at, problem"
             sql = f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)"
             for name, text in (("failed", json.dumps(problem)), ("succeeded", None), ("damaged", "{no json")):
@@ -51,8 +54,6 @@ def test_problem_documents_of_version_6_become_failures(tmp_path: Path) -> None:
             sql = "INSERT INTO events (scan, at, kind, data) VALUES ('failed', '08:54', 'state', ?)"
             for end in (None, problem | {"instance": "/api/scans/failed"}):
                 db.execute(sql, (json.dumps(state | {"problem": end}),))
-            db.execute("PRAGMA user_version = 6")
-            db.commit()
         with closing(Store(folder)) as store:
             failed, succeeded = store.scans.get("failed"), store.scans.get("succeeded")
             assert failed is not None
@@ -99,9 +100,7 @@ RESULT_7 = {
 
 def test_calibrations_of_version_7_get_the_present_names(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
-        with closing(sqlite3.connect(folder.database)) as db:
-            for migration in MIGRATIONS[:7]:
-                db.executescript(migration)
+        with database_of_version(7, folder) as db:
             columns = "id, kind, poses, warnings, state, fraction, coverage, created_at, result, verification"
             sql = f"INSERT INTO calibrations ({columns}) VALUES (?, ?, 15, '[]', ?, 1.0, 1.0, '08:54', ?, ?)"
             solved, verified = json.dumps(RESULT_7), json.dumps(VERIFICATION_7)
@@ -112,8 +111,6 @@ def test_calibrations_of_version_7_get_the_present_names(tmp_path: Path) -> None
             db.execute(f"INSERT INTO calibration_views ({columns}) VALUES ('solved', 0, 'recorded', 40, 48, '08:54')")
             columns = "id, mode, method, state, fraction, created_at, asked_by"
             db.execute(f"INSERT INTO scans ({columns}) VALUES ('scan', 'live', 'graph', 'failed', 0.0, '08:54', 'Ada')")
-            db.execute("PRAGMA user_version = 7")
-            db.commit()
         with closing(Store(folder)) as store:
             scan, solved, failed = (
                 store.scans.get("scan"),

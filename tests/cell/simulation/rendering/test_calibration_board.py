@@ -17,6 +17,8 @@ from cell.simulation.devices.world import SimulatedWorld, simulated_world
 from cell.simulation.rendering.calibration_board import Print
 from cell.simulation.rendering.depth_camera import camera_model
 
+pytestmark = pytest.mark.slow
+
 
 def world_with(board: Board, model: CameraName = "ideal", size: tuple[int, int] = (640, 400)) -> SimulatedWorld:
     """Return a world with a board and without errors of arm and calibration."""

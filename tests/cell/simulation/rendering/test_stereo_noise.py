@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from cell.simulation.rendering.depth_camera import CAMERAS
 from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE, StereoNoise, device_warp, expose, still_image
 
+pytestmark = pytest.mark.slow
+
 NONE = StereoNoise(
     800.0, 0.05, wave_px=0, fixed_px=0, frame_px=0, step_px=1e-6, hole_share=0, jitter_px=0, flying_share=0
 )

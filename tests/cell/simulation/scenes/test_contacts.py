@@ -14,6 +14,8 @@ from cell.simulation.scenes.shapes import polyline_length, tightest_bend
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 from recognition.geometry.polyline import arc_length
 
+pytestmark = pytest.mark.slow
+
 R = 0.0042
 
 

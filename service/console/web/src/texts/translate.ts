@@ -28,6 +28,7 @@ type Wrap = (content: ComponentChildren) => ComponentChildren;
 type RichValues<K extends Key> = Values<Placeholders[K], ComponentChildren> & { [N in TagOf<K>]: Wrap };
 
 const ENGLISH = languageOf("en", english as Catalogue);
+const PLACEHOLDER = /\{(\w+)\}/g;
 const TAG = /^<(\w+)>(.*)<\/\1>$/;
 
 let languages: readonly Language[] = [ENGLISH];
@@ -83,14 +84,19 @@ export function findText(key: string, count?: number): string | undefined {
 /** Return a text whose key and values come from the service; undefined if no catalogue has it, or a value is missing. */
 export function fillText(key: string, values: Readonly<Record<string, Value>>): string | undefined {
   const text = findText(key);
-  const names = text?.match(/(?<=\{)\w+(?=\})/g) ?? [];
-  return names.every((name) => name in values) ? text?.replace(/\{(\w+)\}/g, (_, name: string) => String(values[name])) : undefined;
+  const names = [...(text ?? "").matchAll(PLACEHOLDER)].map(([, name = ""]) => name);
+  return text !== undefined && names.every((name) => name in values) ? filled(text, values) : undefined;
 }
 
 /** Return a text, with its placeholders replaced. */
 export function t<K extends PlainKey>(key: K, ...[values]: Arguments<K>): string {
   const given = (values ?? {}) as Record<string, Value>;
-  return template(key, given.count).replace(/\{(\w+)\}/g, (whole, name: string) => String(given[name] ?? whole));
+  return filled(template(key, given.count), given);
+}
+
+/** Return a text with its placeholders replaced. A placeholder without a value stays. */
+function filled(text: string, values: Readonly<Record<string, Value>>): string {
+  return text.replace(PLACEHOLDER, (whole, name: string) => String(values[name] ?? whole));
 }
 
 /** Return a text as elements: a placeholder may be an element, and a function draws the content of each tag. */
