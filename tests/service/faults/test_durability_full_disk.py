@@ -203,7 +203,7 @@ def test_a_full_disk_at_any_write_of_a_live_scan_loses_nothing(cell: LiveCell, d
     sites, scan = live_once(cell, disk, None)
     assert scan is not None
     assert scan["state"] == "succeeded"
-    assert {"_sync", "set_view", "close", "add_scan_recording", "finish"} <= set(sites), sites
+    assert {"write_view", "set_view", "close", "add_scan_recording", "finish"} <= set(sites), sites
     for write in range(1, len(sites) + 1):
         check_live_write(cell, disk, write)
 
