@@ -44,7 +44,9 @@ def local_cluster(jobs: int) -> Iterator[str]:
                     # a share of the memory of the machine may be less than the imports take; Dask would wait forever
                     memory_limit=None,
                     host="127.0.0.1",
-                    dashboard_address=None,  # pyright: ignore[reportArgumentType] -- Dask takes None for no dashboard
+                    # with None, the scheduler would take port 8787, and warn if another cluster has it
+                    dashboard_address="127.0.0.1:0",
+                    scheduler_kwargs={"dashboard": False},
                     silence_logs=logging.CRITICAL,
                     preload="service.batch.cluster_worker",
                 )
