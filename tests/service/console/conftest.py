@@ -39,8 +39,8 @@ def chromium_path() -> str | None:
     return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
 
-# The scope is a module: while Playwright is open, nothing else in this thread can run an event loop.
-@pytest.fixture(scope="module")
+# Not for the session: while Playwright is open, nothing else in this thread can run an event loop.
+@pytest.fixture(scope="package")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """The browser. Without one, its tests are skipped; in continuous integration they fail."""
     path = chromium_path()

@@ -9,7 +9,7 @@ from playwright.sync_api import Page, expect
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 SERIOUS = ("serious", "critical")
 TARGET_PX = 44

@@ -13,7 +13,7 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 EXCLUDED_VIEW = {
     **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "loo_error_m", "distance_m")),

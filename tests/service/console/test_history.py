@@ -16,7 +16,7 @@ from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 

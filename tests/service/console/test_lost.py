@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from tests.service.console.conftest import Open
 from tests.service.service_process import process
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 
 def test_the_page_marks_its_state_as_old_until_the_service_is_back(open_console: Open, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Open, frame_count, wait_until_drawn
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 POINTS = 100_000

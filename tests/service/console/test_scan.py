@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open, wait_until_drawn
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 
 def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -> None:

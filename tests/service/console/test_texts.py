@@ -17,7 +17,7 @@ from service.api.routes.console import BUILT
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open, wait_until_drawn
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
