@@ -13,8 +13,6 @@ from cell.self_test.check_result import CheckResult, Outcome
 from cell.self_test.self_test import check_cell
 from service.config.loader import ConfigError, ServiceConfig, load_config
 
-MIN_FREE_BYTES = 200 << 20
-"""Minimum free space. With less, one scan may not fit: recordings have up to 160 MB."""
 LOW_FREE_BYTES = 2 << 30
 """Free space below which there is a warning."""
 NAME_WIDTH, OUTCOME_WIDTH = 15, 9
@@ -41,17 +39,25 @@ def run_check(config_file: Path | None, as_json: bool) -> int:
 
 
 def check_data_folder(config: ServiceConfig) -> CheckResult:
-    """Check that the data folder can be written, and that it has free space. It is not created."""
+    """Check that the data folder can be written, and that it has the space that the service needs to start a scan.
+
+    The folder is not created.
+    """
     name, folder = "data folder", config.data_dir
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         return CheckResult(
             name, "failed", f"{existing} cannot be written", "give it to the service's user, or set data_dir"
         )
-    free = shutil.disk_usage(existing).free
+    free, needed = shutil.disk_usage(existing).free, config.limits.min_free_bytes
+    if free < needed:
+        return CheckResult(
+            name,
+            "failed",
+            f"{folder}, {free / 2**20:.0f} MiB free; starting a scan needs {needed / 2**20:.0f} MiB",
+            "free some space, set data_dir to another disk, or lower limits.min_free_bytes",
+        )
     found = f"{folder}, {free / 2**30:.1f} GiB free"
-    if free < MIN_FREE_BYTES:
-        return CheckResult(name, "failed", found, "free some space, or set data_dir to another disk")
     if free < LOW_FREE_BYTES:
         advice = "delete recordings, or set data_dir to another disk"
         return CheckResult(name, "warning", f"{found}, which is little", advice)

@@ -4,6 +4,7 @@ import json
 import os
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,6 +14,9 @@ from cell.self_test.check_result import CheckResult, Outcome
 from service.cli.commands import check
 from service.cli.main import main
 from service.config.loader import ServiceConfig
+from service.config.sections import LimitsConfig
+from service.errors import ServiceError
+from service.storage.disk_space import require_space
 from tests.cell.loopback import free_host
 
 
@@ -83,8 +87,24 @@ def test_the_data_folder_is_checked_and_not_created(tmp_path: Path, monkeypatch:
     assert check.check_data_folder(ServiceConfig(data_dir=tmp_path / "file")).outcome == "failed"
     monkeypatch.setattr(check, "LOW_FREE_BYTES", 1 << 80)
     assert check.check_data_folder(ServiceConfig(data_dir=folder)).outcome == "warning"
-    monkeypatch.setattr(check, "MIN_FREE_BYTES", 1 << 80)
-    assert check.check_data_folder(ServiceConfig(data_dir=folder)).outcome == "failed"
+
+
+def test_the_data_folder_needs_the_space_that_the_service_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = ServiceConfig(data_dir=tmp_path, limits=LimitsConfig(min_free_bytes=300 << 20))
+    usage = SimpleNamespace(free=config.limits.min_free_bytes)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    require_space(tmp_path, config.limits.min_free_bytes)
+    assert check.check_data_folder(config).outcome == "warning"
+    usage.free -= 1 << 20
+    with pytest.raises(ServiceError):
+        require_space(tmp_path, config.limits.min_free_bytes)
+    step = check.check_data_folder(config)
+    assert step.outcome == "failed"
+    assert step.message == f"{tmp_path}, 299 MiB free; starting a scan needs 300 MiB"
+    assert step.what_to_do is not None
+    assert "limits.min_free_bytes" in step.what_to_do
 
 
 @pytest.mark.parametrize(
