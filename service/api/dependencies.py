@@ -48,13 +48,13 @@ class Context:
     """The most frequent responses."""
     fault: FaultMemory
 
-    def require_space(self, coming_bytes: int = 0) -> None:
-        """Check that the data folder has space for `coming_bytes` more. May block.
+    def require_space(self, incoming_bytes: int = 0) -> None:
+        """Check that the data folder has space for `incoming_bytes` more. May block.
 
         Raises:
-            ProblemError: `storage-full`: The space is less than the configured reserve plus `coming_bytes`.
+            ServiceError: `storage-full`: The space is less than the configured reserve plus `incoming_bytes`.
         """
-        require_space(self.store.folder.root, self.config.limits.min_free_bytes, coming_bytes)
+        require_space(self.store.folder.root, self.config.limits.min_free_bytes, incoming_bytes)
 
 
 async def _context(request: Request) -> Context:
