@@ -5,6 +5,8 @@ import contextlib
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from service.security.auth.roles import STOP_CALLS
+
 MAX_WAIT_S = 0.2
 """Longest time that another request waits for a stop. A real arm takes about as long to come to rest."""
 
@@ -44,5 +46,5 @@ class StopPriority:
 
 
 def _is_stop(scope: Scope) -> bool:
-    path: str = scope["path"]
-    return scope["method"] == "POST" and (path == "/api/cell/stop" or path.endswith("/cancel"))
+    """Return whether the call, as the security layer has found it, must not be delayed."""
+    return scope.get("state", {}).get("call") in STOP_CALLS
