@@ -34,7 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return options.run(options)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        return 130
+        from service.signals import INTERRUPTED_EXIT_CODE
+
+        return INTERRUPTED_EXIT_CODE
     except BrokenPipeError:
         # the reader of stdout is gone; closing stderr avoids a second error at exit
         sys.stderr.close()
