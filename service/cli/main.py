@@ -14,7 +14,7 @@ from service.cli.calibrate.parser import add_calibrate_commands
 from service.cli.commands.audit import add_audit_command
 from service.cli.commands.batch import add_batch_commands
 from service.cli.commands.cell import add_cell_commands
-from service.cli.commands.integrity import add_integrity_command
+from service.cli.commands.doctor import add_doctor_command
 from service.cli.commands.interchange import add_interchange_commands
 from service.cli.commands.tokens import add_token_commands
 from service.cli.options import add_json_option
@@ -118,7 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     serve.set_defaults(run=_serve)
     add_token_commands(commands)
     add_audit_command(commands)
-    add_integrity_command(commands)
+    add_doctor_command(commands)
 
     bench = commands.add_parser(
         "bench",

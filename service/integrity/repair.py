@@ -17,11 +17,11 @@ from cell.recording.errors import RecordingError
 from service.errors import Failure
 from service.integrity.check import CheckReport, CheckTarget, check_store
 from service.integrity.database_check import text_or_bytes
+from service.integrity.database_recovery import recover_database
 from service.integrity.finding import Code, Finding
 from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
 from service.integrity.row_repair import rebuilt_row
-from service.integrity.salvage import recover_database
 from service.processing.upload_sandbox import describe_untrusted_recording
 from service.security.auth.tokens import TOKENS_FILE
 from service.storage.data_folder import ID, DataFolder

@@ -18,7 +18,7 @@ from uvicorn.server import HANDLED_SIGNALS
 
 from service.api.dependencies import Context
 from service.server.connections import PROTOCOL, backlog
-from service.server.heartbeat import SupervisorLink
+from service.server.supervisor_link import SupervisorLink
 
 log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from service.logs.setup import configure_logging
 from service.security.auth.allowed_hosts import local_address
 from service.security.auth.bind_policy import check_binding
 from service.server.file_limit import raise_file_limit
-from service.server.heartbeat import SupervisorLink
+from service.server.supervisor_link import SupervisorLink
 from service.server.uvicorn_server import Server
 from service.storage.data_folder import DataFolder, DataFolderError
 

@@ -15,7 +15,7 @@ import httpx2
 import pytest
 
 from service.server import supervisor as supervisor_module
-from service.server.heartbeat import SupervisorLink
+from service.server.supervisor_link import SupervisorLink
 from tests.processes import children, runs
 from tests.service.conftest import PATIENCE_S, wait_until
 from tests.service.service_process import ROOT, answers

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from service.integrity.database_check import TABLES
+from service.integrity.database_recovery import recover_database
 from service.integrity.repair import repair
-from service.integrity.salvage import recover_database
 from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.storage.calibration_store import CalibrationStore
 from service.storage.data_folder import DataFolder
@@ -60,7 +60,7 @@ def test_a_damaged_database_is_kept_and_its_readable_rows_are_recovered(data: Da
 
 
 def test_all_rows_outside_the_unreadable_parts_are_recovered(data: Data, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.integrity.salvage.MAX_GAP_ROWS", 1000)
+    monkeypatch.setattr("service.integrity.database_recovery.MAX_GAP_ROWS", 1000)
     folder = DataFolder(data.root)
     store = Store(folder)
     scans = [new_scan("replay", "graph", None, NOBODY) for _ in range(300)]
