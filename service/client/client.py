@@ -115,8 +115,8 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        wish = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
-        return self.wait(self.start(wish), on_progress, timeout_s)
+        request = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
+        return self.wait(self.start(request), on_progress, timeout_s)
 
     def replay(
         self,
@@ -150,16 +150,16 @@ class Client:
         recording_id = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
         if not re.fullmatch(ID_PATTERN, recording_id):
             raise ValueError(f"{recording_id!r} is not the id of a recording; pass a file as Path({recording_id!r})")
-        wish = {"mode": "replay", "recording": recording_id, "string_radius_m": string_radius_m, "method": method}
-        return self.wait(self.start(wish), on_progress, timeout_s)
+        request = {"mode": "replay", "recording": recording_id, "string_radius_m": string_radius_m, "method": method}
+        return self.wait(self.start(request), on_progress, timeout_s)
 
-    def start(self, wish: Mapping[str, Any], key: str | None = None) -> ScanResource:
+    def start(self, request: Mapping[str, Any], key: str | None = None) -> ScanResource:
         """Start a scan and return it without waiting for its end.
 
         Args:
-            wish: Body of `POST /api/scans`.
+            request: Body of `POST /api/scans`.
             key: Idempotency key. The same key never starts a second scan, unless another token is used. If the first
-                request with it is still being decided, the answer is waited for. None: a new key.
+                request with it is still being processed, the answer is waited for. None: a new key.
 
         Returns:
             The scan, in its present state.
@@ -174,11 +174,11 @@ class Client:
         pending = False
         while True:
             try:
-                answer = self._http.post("/api/scans", json=dict(wish), headers={"Idempotency-Key": key})
+                answer = self._http.post("/api/scans", json=dict(request), headers={"Idempotency-Key": key})
                 return ScanResource.model_validate(require_success(answer).json())
             except (httpx2.TransportError, GatewayError) as error:
                 if pending or not isinstance(error, NOT_SENT_ERRORS):
-                    raise UnansweredError(wish, key, error) from error
+                    raise UnansweredError(request, key, error) from error
                 text = f"{self._http.base_url} cannot be reached ({error}): nothing was started; try again later"
                 raise UnreachableError(text) from error
             except ProblemError as error:
@@ -186,7 +186,7 @@ class Client:
                 if not pending:
                     raise
                 if time.monotonic() > end:
-                    raise UnansweredError(wish, key, error) from error
+                    raise UnansweredError(request, key, error) from error
                 time.sleep(error.retry_after_s or RETRY_INTERVAL_S)
 
     def wait(

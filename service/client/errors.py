@@ -58,15 +58,17 @@ class GatewayError(UnreachableError):
 class UnansweredError(UnreachableError):
     """No answer came, so a scan may have been started.
 
-    `Client.start(error.wish, error.key)` finds the scan, or starts it if it was not started.
+    `Client.start(error.request, error.key)` finds the scan, or starts it if it was not started.
     """
 
-    def __init__(self, wish: Mapping[str, Any], key: str, reason: Exception) -> None:
+    def __init__(self, request: Mapping[str, Any], key: str, reason: Exception) -> None:
         super().__init__(
             f"the scan may have been started ({reason}): check the cell, then start again with key={key!r}"
         )
-        self.wish = wish
+        self.request = request
+        """Body of `POST /api/scans`."""
         self.key = key
+        """Idempotency key of the request."""
 
 
 class NotEndedError(ClientError, TimeoutError):

@@ -109,7 +109,7 @@ def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: 
     ):
         proxied.replay(recording)
     before = len(list(planner.scans(recording=recording)))
-    scan = planner.wait(planner.start(lost.value.wish, lost.value.key), timeout_s=PATIENCE_S)
+    scan = planner.wait(planner.start(lost.value.request, lost.value.key), timeout_s=PATIENCE_S)
     assert before == 1, "the request had arrived, though its answer had not"
     assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
 

@@ -115,7 +115,7 @@ def test_start_waits_while_its_key_is_pending(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(client, "ANSWER_TIMEOUT_S", 0.05)
     with planner_for(ScriptedTransport(PENDING)) as planner, pytest.raises(UnansweredError) as undecided:
         planner.start({"mode": "live"}, key="the same")
-    assert (undecided.value.wish, undecided.value.key) == ({"mode": "live"}, "the same")
+    assert (undecided.value.request, undecided.value.key) == ({"mode": "live"}, "the same")
 
 
 @pytest.mark.parametrize("failure", [no_answer(httpx2.ReadTimeout), proxy_answer(502), proxy_answer(504)])
