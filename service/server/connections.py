@@ -1,4 +1,4 @@
-"""Connections by uvicorn's h11 protocol, with a timeout for heads of requests and a limit of open connections.
+"""Connections by uvicorn's h11 protocol, with a request header timeout and a limit of open connections.
 
 A client that is silent, or that sends half a request, cannot keep its connection. If too many connections are open,
 those without a request are closed first.
@@ -23,8 +23,8 @@ from service.server.file_limit import open_file_limit
 
 log = logging.getLogger(__name__)
 
-HEAD_TIMEOUT_S = 10.0
-"""Timeout for the head of a request, from its first byte on.
+HEADER_TIMEOUT_S = 10.0
+"""Request header timeout, from the first byte on.
 
 For the first request, it begins with the connection.
 """
@@ -54,7 +54,7 @@ def backlog() -> int:
 
 
 class GuardedConnection(H11Protocol):
-    """Closes a connection if the head of a request, or a body that is no longer read, takes too long to arrive.
+    """Closes a connection if a request header, or a body that is no longer read, takes too long to arrive.
 
     Between two requests, a connection stays open for uvicorn's `timeout_keep_alive`, unless there are too many. A
     request to stop the arm must get through even if a client without a token holds as many connections as it can.
@@ -63,16 +63,16 @@ class GuardedConnection(H11Protocol):
     _last_warning_s: ClassVar[float] = -math.inf
     """Time of the last warning about too many connections, seconds of the event loop."""
 
-    def __init__(self, *args: Any, head_timeout_s: float = HEAD_TIMEOUT_S, **options: Any) -> None:
+    def __init__(self, *args: Any, header_timeout_s: float = HEADER_TIMEOUT_S, **options: Any) -> None:
         """Create the protocol of one connection.
 
         Args:
             args: Arguments of uvicorn.
-            head_timeout_s: Timeout for the head of a request.
+            header_timeout_s: Request header timeout, seconds.
             options: Options of uvicorn.
         """
         super().__init__(*args, **options)
-        self._head_timeout_s = head_timeout_s
+        self._header_timeout_s = header_timeout_s
         self._timer: asyncio.TimerHandle | None = None
         self._idle_since = 0
         """Position in `_order` at which the connection began, or its last request ended."""
@@ -80,7 +80,7 @@ class GuardedConnection(H11Protocol):
         """Monotonic time at which a pipelined request arrived, or None if none waits."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the timeout of the first head; close a connection if too many are open."""
+        """Start the timeout of the first request header; close a connection if too many are open."""
         super().connection_made(transport)
         self._idle_since = next(_order)
         if len(self.connections) > connection_limit():
@@ -88,7 +88,7 @@ class GuardedConnection(H11Protocol):
         self._start_timeout()
 
     def data_received(self, data: bytes) -> None:
-        """Keep the timeout running while a head or an unread body is incomplete; it began with the first byte."""
+        """Keep the timeout running while a header or an unread body is incomplete; it began with the first byte."""
         super().data_received(data)
         if self._pipelined_at_s is None and self._has_pipelined_data:
             self._pipelined_at_s = time.monotonic()
@@ -98,7 +98,7 @@ class GuardedConnection(H11Protocol):
             self._cancel_timeout()
 
     def on_response_complete(self) -> None:
-        """Start the timeout for the rest of this request's body, or for the rest of a pipelined head."""
+        """Start the timeout for the rest of this request's body, or for the rest of a pipelined header."""
         self._idle_since = next(_order)
         # the pipelined request begins here; it may be a scan that was requested before a stop
         with request_received_at(self._pipelined_at_s):
@@ -150,7 +150,7 @@ class GuardedConnection(H11Protocol):
 
     def _start_timeout(self) -> None:
         if self._timer is None and not self.transport.is_closing():
-            self._timer = self.loop.call_later(self._head_timeout_s, self._on_timeout)
+            self._timer = self.loop.call_later(self._header_timeout_s, self._on_timeout)
 
     def _cancel_timeout(self) -> None:
         if self._timer is not None:
@@ -162,13 +162,13 @@ class GuardedConnection(H11Protocol):
         if self.transport.is_closing():
             return
         if self._between_requests and self.conn.trailing_data[0]:
-            self._send_problem("too-slow", "the head of the request arrives too slowly; send it at once")
+            self._send_problem("too-slow", "the request header arrives too slowly; send it at once")
         else:
             self.transport.close()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is not HTTP by a problem document, as for every other error."""
-        self._send_problem("bad-request", "this is not an HTTP/1.1 request, or its head is too large")
+        """Answer what is not HTTP with a problem document, as for every other error."""
+        self._send_problem("bad-request", "this is not an HTTP/1.1 request, or its header is too large")
 
     def _send_problem(self, slug: str, detail: str) -> None:
         document = problem_document(slug, detail)

@@ -169,10 +169,10 @@ def test_a_long_address_and_large_headers_are_refused(client: ServedClient, asse
 class ShortTimeout(GuardedConnection):
     """A connection with a short timeout."""
 
-    HEAD_S = 0.4
+    HEADER_S = 0.4
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(head_timeout_s=self.HEAD_S, **options)
+        super().__init__(header_timeout_s=self.HEADER_S, **options)
 
 
 def test_an_incomplete_head_does_not_keep_a_connection(serve_app: ServeApp) -> None:
@@ -205,7 +205,7 @@ def test_a_connection_stays_open_between_requests(serve_app: ServeApp) -> None:
             while file.readline().strip():
                 pass
             assert file.read(1) == b"2"
-            time.sleep(2 * ShortTimeout.HEAD_S)
+            time.sleep(2 * ShortTimeout.HEADER_S)
 
 
 def test_an_unread_body_does_not_keep_a_connection(serve_app: ServeApp) -> None:
