@@ -160,7 +160,7 @@ def use(container: Container, log: Path, grace_s: float) -> None:
     print(f"{container.memory_mb()} MB of memory after two scans")
     code, took_s = container.stop(grace_s)
     assert code == 0, f"exit code {code}"
-    print(f"ended in order after {took_s:.1f} s")
+    print(f"shut down cleanly after {took_s:.1f} s")
 
 
 PARTS = {

@@ -32,6 +32,6 @@ def recognise_on_worker(file: str, path: str, request: RecognitionRequest) -> Re
 def dask_setup(_worker: object) -> None:
     """Ignore SIGINT. Dask calls this in each new process of a local cluster, where this module is preloaded.
 
-    Ctrl-C reaches all processes of the terminal; the main process ends the workers in order.
+    Ctrl-C reaches all processes of the terminal; the main process shuts the workers down cleanly.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)

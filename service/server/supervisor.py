@@ -1,8 +1,8 @@
-"""The supervisor: a process that does nothing except to keep the service running, so that little can end it.
+"""The supervisor: a process that only keeps the service running, so that few faults can end it.
 
 The service reports its port and its heartbeats over a socket. A service that has died is started again; one that is
-silent is killed first. When the supervisor dies, the socket closes, and the service ends in order. The supervisor never
-stops the arm: a hung service does that itself, and for a dead or suspended one the controller does.
+silent is killed first. When the supervisor dies, the socket closes, and the service shuts down cleanly. The supervisor
+never stops the arm: a hung service does that itself, and for a dead or suspended one the controller does.
 """
 
 import contextlib
@@ -49,7 +49,7 @@ class SupervisorTimeouts:
 def supervise(
     arguments: Sequence[str], command: Sequence[str] = SERVE, timeouts: SupervisorTimeouts | None = None
 ) -> int:
-    """Run the service, and start it again after a crash, until it ends in order or by a signal.
+    """Run the service, and start it again after a crash, until it shuts down cleanly or by a signal.
 
     SIGINT and SIGTERM are forwarded to the service as SIGTERM. A service that ends before it listens for the first time
     is not started again: it has logged the reason.

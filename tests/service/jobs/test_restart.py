@@ -66,7 +66,7 @@ def test_a_kill_during_a_replay_keeps_earlier_results(recording_file: Path, tmp_
 
         again = client.post("/api/scans", json=body)
         assert again.status_code == 202
-        # This service ends in order, during the scan or just after it.
+        # This service shuts down cleanly, during the scan or just after it.
         second.send_signal(signal.SIGTERM)
         assert second.wait(timeout=60) == 0
 

@@ -1,4 +1,4 @@
-"""The shutdown of the service: the arm stops first, then clients are informed, and the service ends in order."""
+"""The shutdown of the service: the arm stops first, then clients are informed, and the service shuts down cleanly."""
 
 import signal
 import socket
