@@ -73,12 +73,11 @@ class GripperConfig(BaseModel):
     clearance_m: float = Gripper.clearance_m
     table_clearance_m: float = Gripper.table_clearance_m
 
-    @property
-    def value(self) -> Gripper:
-        """The gripper as recognition takes it."""
+    def to_gripper(self) -> Gripper:
+        """Return the gripper as recognition takes it."""
         return Gripper(**self.model_dump())
 
     @model_validator(mode="after")
     def _check_gripper(self) -> "GripperConfig":
-        _ = self.value  # raises a ValueError that names the key
+        self.to_gripper()  # raises a ValueError that names the key
         return self

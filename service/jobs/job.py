@@ -44,7 +44,7 @@ class Job(Generic[Row]):
         """The previous job has ended, with its preview, and this one runs."""
         self.ended = threading.Event()
         """The final row is written."""
-        self.abandoned = threading.Event()
+        self.shutting_down = threading.Event()
         """The service is ending. The final row is written at once, or else by the next start."""
         self._lock = threading.Lock()
         """Never held during a write."""

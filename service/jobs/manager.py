@@ -68,9 +68,9 @@ class Jobs:
         gripper: Gripper,
         metrics: ScanMetrics | None = None,
     ) -> None:
-        """Start the recognition process, after what an earlier service left behind is in order.
+        """Clean up after an earlier service, then start the recognition process.
 
-        Its unfinished jobs become interrupted, and its recordings without a row are added.
+        Unfinished jobs of the earlier service become interrupted, and its recordings without a row are added.
         """
         self._store = store
         self._cell = cell
@@ -86,7 +86,7 @@ class Jobs:
         self._runner = JobRunner(
             self._lock, {"scan": self._scans, "calibration": calibrations, "verification": calibrations}
         )
-        self._notes = ThreadPoolExecutor(1, thread_name_prefix="stopping")
+        self._state_writer = ThreadPoolExecutor(1, thread_name_prefix="stopping")
         """Writes the state `stopping`, so that a stop does not wait for the database."""
         self._accepted: queue.SimpleQueue[Job[Any] | None] = queue.SimpleQueue()
         self.submit = Submissions(store, cell, self._lock, self._accepted.put)
@@ -124,7 +124,7 @@ class Jobs:
             self._worker.kill()  # it may be starting
             self._accepted.put(None)
             self._thread.join()
-            self._notes.shutdown()
+            self._state_writer.shutdown()
             self._worker.close()
 
     @property
@@ -236,7 +236,7 @@ class Jobs:
 
     def _interrupt(self, job: Job[Any] | None) -> None:
         if job is not None:
-            job.abandoned.set()
+            job.shutting_down.set()
         is_scan = job is not None and isinstance(job.row, ScanRow)
         advice = KEPT if is_scan else "start it again"
         self._stop(job, "interrupted", f"the service was stopped; {advice}")
@@ -256,7 +256,7 @@ class Jobs:
         try:
             if isinstance(job.row, ScanRow):
                 self._end_recognition(job)
-            self._notes.submit(self._write_stopping, job)
+            self._state_writer.submit(self._write_stopping, job)
         except RuntimeError:  # no further thread can be started; the arm is stopped all the same
             log.exception("that %s is being stopped could not be written", job.label)
 
@@ -273,7 +273,7 @@ class Jobs:
             return
         # A live scan ends with its arm, and its recognition process stays for the next one. It is killed only if it
         # works on the last views.
-        wait_s = GRACE_S if started or job.abandoned.is_set() else PREVIEW_TIMEOUT_S
+        wait_s = GRACE_S if started or job.shutting_down.is_set() else PREVIEW_TIMEOUT_S
         threading.Thread(target=self._kill_unless_ended, args=(job, wait_s), name="ending").start()
 
     def _kill_unless_ended(self, job: Job[Any], wait_s: float) -> None:

@@ -137,7 +137,7 @@ class JobRunner:
             except sqlite3.Error:
                 log.exception("the end of %s cannot be written", job.label)
                 break
-            if job.abandoned.wait(RETRY_S):
+            if job.shutting_down.wait(RETRY_S):
                 break
         with self._lock.releasing(job):
             pass

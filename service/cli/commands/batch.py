@@ -105,7 +105,7 @@ def _recognise(options: argparse.Namespace) -> int:
 
     try:
         settings = _settings(options)
-        gripper = load_config(options.config).gripper.value
+        gripper = load_config(options.config).gripper.to_gripper()
     except (ConfigError, InvalidParametersError) as error:
         print(f"pointchain recognise: {error}", file=sys.stderr)
         return 1

@@ -68,7 +68,12 @@ def _scan(options: argparse.Namespace) -> int:
     from service.cli.commands.scan import ScanOptions, run_scan
 
     scan_options = ScanOptions(
-        options.out, options.radius, options.method, options.views, config.gripper.value, config.limits.recognition_s
+        options.out,
+        options.radius,
+        options.method,
+        options.views,
+        config.gripper.to_gripper(),
+        config.limits.recognition_s,
     )
     return run_scan(config.cell, scan_options)
 

@@ -42,10 +42,10 @@ def test_later_sources_override_earlier_ones(tmp_path: Path, monkeypatch: pytest
 
 
 def test_the_gripper_is_configured_in_metres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert load_config().gripper.value == Gripper()
+    assert load_config().gripper.to_gripper() == Gripper()
     path = write(tmp_path, "[gripper]\nstroke_m = 0.05\nfinger_width_m = 0.02\n")
     monkeypatch.setenv("POINTCHAIN_GRIPPER__STROKE_M", "0.04")
-    assert load_config(path).gripper.value == Gripper(stroke_m=0.04, finger_width_m=0.02)
+    assert load_config(path).gripper.to_gripper() == Gripper(stroke_m=0.04, finger_width_m=0.02)
 
 
 def test_a_variable_names_the_configuration_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
