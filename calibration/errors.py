@@ -34,7 +34,7 @@ class HandEyeStaleError(HandEyeError):
 class HandEyeFutureDateError(HandEyeError):
     """The date of the calibration is in the future, so its age is not known. One of two clocks is wrong."""
 
-    slug = "calibration-of-the-future"
+    slug = "calibration-in-future"
 
 
 class HandEyeMismatchError(HandEyeError):

@@ -106,7 +106,7 @@ def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | N
             what = "another program has locked the database"
             return [Finding("database", "database-locked", where, what, "try again in a few seconds", False)], None
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS:  # the low byte is the primary code
-            return [_unopened(where, error)], None
+            return [_inaccessible(where, error)], None
         return [_corrupt(where, str(error))], None
 
 
@@ -136,13 +136,13 @@ def _corrupt(where: str, what: str) -> Finding:
     return Finding("database", "database-corrupt", where, f"it is damaged: {what}", advice, True)
 
 
-def _unopened(where: str, error: sqlite3.Error) -> Finding:
+def _inaccessible(where: str, error: sqlite3.Error) -> Finding:
     what = f"this user cannot open it, so its content was not checked: {error} ({error.sqlite_errorname})"
     advice = (
         "make sure that this user may read and write the data folder and everything in it, and that its disk works, "
         "has space and is not mounted read-only (SQLite needs to create files beside the database); then check again"
     )
-    return Finding("database", "database-unopened", where, what, advice, False)
+    return Finding("database", "database-inaccessible", where, what, advice, False)
 
 
 def _rows(db: sqlite3.Connection) -> tuple[Rows, list[Finding]]:

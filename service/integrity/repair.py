@@ -21,7 +21,7 @@ from service.integrity.database_recovery import recover_database
 from service.integrity.finding import Code, Finding
 from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
-from service.integrity.row_repair import rebuilt_row
+from service.integrity.row_repair import rebuild_row
 from service.processing.upload_sandbox import describe_untrusted_recording
 from service.security.auth.tokens import TOKENS_FILE
 from service.storage.data_folder import ID, DataFolder
@@ -33,7 +33,7 @@ from service.storage.store import Store
 MAX_ROUNDS = 5
 """Limit on repetitions of check and repair. One repair may cause another finding, such as a file without its row."""
 
-_BLOCKING_CODES = {"database-newer", "database-locked", "database-unopened"}
+_BLOCKING_CODES = {"database-newer", "database-locked", "database-inaccessible"}
 """Findings that block every repair."""
 
 UNFINISHED = "the service ended while it was under way"
@@ -159,7 +159,7 @@ class _Repairer:
         table, _, rowid = key.partition("/")
         with self._transaction() as db:
             row = db.execute(f"SELECT * FROM {table} WHERE rowid = ?", (int(rowid),)).fetchone()
-            if row is not None and (rebuilt := rebuilt_row(db, table, dict(row))) is not None:
+            if row is not None and (rebuilt := rebuild_row(db, table, dict(row))) is not None:
                 changed = {name: value for name, value in rebuilt.items() if value != row[name]}
                 for name, value in changed.items():
                     db.execute(f"UPDATE {table} SET {name} = ? WHERE rowid = ?", (value, int(rowid)))

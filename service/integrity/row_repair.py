@@ -21,8 +21,8 @@ _DAMAGED = Failure("damaged", "its database row was damaged; the original row is
 _FAILED = {"state": "failed", "stage": None, "fraction": 0.0, "failure": stored(_DAMAGED)}
 
 
-def rebuilt_row(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the row with its own outcome, else with the known one, else as failed.
+def rebuild_row(db: sqlite3.Connection, table: str, values: dict[str, Any]) -> dict[str, Any] | None:
+    """Rebuild a row with its own outcome, else with the known one, else as failed.
 
     Args:
         db: Connection to the database of the row.

@@ -110,7 +110,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "too-slow": ProblemType(
         title="The request arrives too slowly",
         status=408,
-        cause="The request's head or body arrived too slowly.",
+        cause="The request's header or body arrived too slowly.",
         action="Check the network, then send the request again.",
         group="Retry later",
     ),
@@ -621,7 +621,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         action="Check the path, or calibrate the cell.",
         group="Repeat the calibration",
     ),
-    "calibration-of-the-future": ProblemType(
+    "calibration-in-future": ProblemType(
         title="The calibration is dated in the future",
         status=409,
         cause="The creation time of the calibration is later than now.",

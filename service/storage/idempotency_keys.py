@@ -64,7 +64,7 @@ class IdempotencyKeys:
             if name in self._pending:
                 raise ServiceError(
                     "idempotency-pending",
-                    "the first request with this Idempotency-Key is still being decided on; send it again in a moment",
+                    "the first request with this Idempotency-Key is still being processed; send it again in a moment",
                     retry_after_s=1.0,
                 )
             self._pending.add(name)

@@ -57,7 +57,7 @@ def _run_checks(service: Context) -> ReadinessChecks:
         store=_store(service.store.database),
         recognition=_check(service.jobs.not_ready, "it is ready, or at work"),
         disk=_disk(service),
-        service=_check(_reason_for_no_requests(service), "it accepts requests"),
+        service=_check(_refusal_reason(service), "it accepts requests"),
         cell=service.cell.status.state,
     )
 
@@ -68,7 +68,7 @@ def _failed_checks(checks: ReadinessChecks) -> list[str]:
     return [f"{name}: {check.message}" for name, check in named.items() if not check.ok]
 
 
-def _reason_for_no_requests(service: Context) -> str | None:
+def _refusal_reason(service: Context) -> str | None:
     """Return why the service accepts no requests, or None if it accepts them."""
     if service.jobs.closed:
         return "the service is stopping"

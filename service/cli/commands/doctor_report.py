@@ -20,7 +20,7 @@ def report_document(root: Path, found: CheckReport, repaired: list[str]) -> dict
     """
     findings = [{name: value for name, value in asdict(one).items() if name != "key"} for one in found.findings]
     return {
-        "well": not findings,
+        "healthy": not findings,
         "data_dir": str(root),
         "service_runs": found.service_runs,
         "findings": findings,

@@ -232,4 +232,4 @@ class AuditLog:
 
 
 def _repeated(entry: Entry, times: int) -> Entry:
-    return replace(entry, at=now(), what=f"{entry.what} ({times} times more)")
+    return replace(entry, at=now(), what=f"{entry.what} (repeated {times} times)")

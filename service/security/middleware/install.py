@@ -49,7 +49,7 @@ def install_security(app: FastAPI, config: ServiceConfig, audit: AuditLog, uploa
 
 
 def _describe_roles(app: FastAPI) -> None:
-    """Add the minimum role of each call, and the form for the token, to the description of the API."""
+    """Add the minimum role of each call, and the security scheme, to the description of the API."""
     original = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _describe_roles(app: FastAPI) -> None:
                     if isinstance(call, Call) and call.min_role is not None:
                         # The empty requirement stands for a service without tokens.
                         operation["security"] = [{"token": []}, {}]
-                        operation["x-least-role"] = call.min_role
+                        operation["x-min-role"] = call.min_role
         return app.openapi_schema or original()
 
     app.openapi = openapi

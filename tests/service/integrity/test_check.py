@@ -289,12 +289,12 @@ def test_the_command_checks_and_repairs(
     assert "--repair" in printed
     assert run("--json") == 1
     document = json.loads(capsys.readouterr().out)
-    assert (document["well"], document["service_runs"]) == (False, False)
+    assert (document["healthy"], document["service_runs"]) == (False, False)
     assert [finding["code"] for finding in document["findings"]] == ["recording-missing"]
     assert run("--repair", "--json") == 0
     output = capsys.readouterr()
     document = json.loads(output.out)
-    assert document["well"]
+    assert document["healthy"]
     assert len(document["repaired"]) == 1
     (copy,) = data.root.glob("lost+found/*/pointchain.sqlite3")
     assert str(copy) in output.err

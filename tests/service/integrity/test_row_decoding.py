@@ -192,7 +192,7 @@ def read_only_disk(data: Data, tmp_path: Path) -> Iterator[Data]:
 
 def test_a_read_only_disk_is_not_a_damaged_database(read_only_disk: Data) -> None:
     (finding,) = check_store(read_only_disk.store).findings
-    assert (finding.code, finding.repairable) == ("database-unopened", False)
+    assert (finding.code, finding.repairable) == ("database-inaccessible", False)
     assert "damaged" not in finding.what
     assert "read-only" in finding.what_to_do
     assert "--repair" not in finding.what_to_do
@@ -207,8 +207,8 @@ def test_a_database_that_cannot_be_opened_is_not_repaired(data: Data) -> None:
         database.with_name(database.name + suffix).unlink(missing_ok=True)
     database.with_name(database.name + "-wal").mkdir()
     before = database.read_bytes()
-    assert data.codes() == {"database-unopened"}
+    assert data.codes() == {"database-inaccessible"}
     report = repair(check_target_of(data.root), pytest.fail)
-    assert [finding.code for finding in report.findings] == ["database-unopened"]
+    assert [finding.code for finding in report.findings] == ["database-inaccessible"]
     assert database.read_bytes() == before
     assert not (data.root / "lost+found").exists()

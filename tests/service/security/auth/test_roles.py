@@ -187,6 +187,6 @@ def test_without_tokens_a_service_on_all_interfaces_refuses_everyone(
 def test_the_description_has_the_minimum_roles() -> None:
     document = create_app(ServiceConfig()).openapi()
     assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
-    assert document["paths"]["/api/scans"]["post"]["x-least-role"] == "operator"
+    assert document["paths"]["/api/scans"]["post"]["x-min-role"] == "operator"
     assert {"token": []} in document["paths"]["/api/scans"]["post"]["security"]
     assert "security" not in document["paths"]["/healthz"]["get"]
