@@ -9,8 +9,8 @@ from service.processing.results import STAGE_START_FRACTION
 from service.processing.view_outcomes import ViewOutcome
 
 Mode = Literal["live", "replay"]
-ViewResult = Literal["recorded", "missing", "left_out"]
-ViewFailure = Literal["unreachable", "camera", "nothing_seen", "contradicting"]
+ViewResult = Literal["recorded", "missing", "excluded"]
+ViewFailure = Literal["unreachable", "camera", "empty", "inconsistent"]
 OUTCOMES = ("succeeded", "partial", "failed", "aborted", "interrupted")
 
 SCAN_BUCKETS_S = (0.5, 1, 2, 5, 10, 15, 20, 30, 45, 60, 120, 300)
@@ -47,7 +47,7 @@ class ScanMetrics:
         )
         self._views = Counter(
             "pointchain_views",
-            "Views recorded or missing in live scans, and views that recognition left out in any scan",
+            "Views recorded or missing in live scans, and views that recognition excluded in any scan",
             ("result",),
             registry=registry,
         )
@@ -96,7 +96,7 @@ class ScanMetrics:
             self._stages.labels(stage if stage in STAGE_START_FRACTION else "other").observe(seconds)
         for view in views:
             if view.exclusion_reason is not None:
-                self._views.labels("left_out").inc()
+                self._views.labels("excluded").inc()
                 self._failures.labels(view.exclusion_reason).inc()
             if view.correction_m is not None:
                 self._corrections_m.observe(view.correction_m)

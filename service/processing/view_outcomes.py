@@ -12,7 +12,7 @@ class ViewOutcome:
 
     index: int
     """Index of the view."""
-    exclusion_reason: Literal["nothing_seen", "contradicting"] | None
+    exclusion_reason: Literal["empty", "inconsistent"] | None
     """Why the view was not used. None: it was used."""
     correction_m: float | None
     """Distance by which registration moved the view, metres. None: not registered."""
@@ -25,8 +25,8 @@ def view_outcomes(recognition: Recognition) -> tuple[ViewOutcome, ...]:
     registered = recognition.registration
     compared = set() if registered is None else {view.index for view in registered.views}
 
-    def exclusion_reason(index: int) -> Literal["nothing_seen", "contradicting"]:
-        return "contradicting" if index in compared else "nothing_seen"
+    def exclusion_reason(index: int) -> Literal["empty", "inconsistent"]:
+        return "inconsistent" if index in compared else "empty"
 
     return tuple(
         ViewOutcome(

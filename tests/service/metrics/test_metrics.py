@@ -115,17 +115,17 @@ def test_unused_views_are_counted_by_their_reason() -> None:
     metrics.count_recorded_view()
     views = (
         ViewOutcome(0, None, 0.0004, 0.003),
-        ViewOutcome(1, "contradicting", None, None),
-        ViewOutcome(2, "nothing_seen", None, None),
+        ViewOutcome(1, "inconsistent", None, None),
+        ViewOutcome(2, "empty", None, None),
     )
     metrics.observe_recognition({"registration": 0.3, "made-up": 1.0}, views)
 
     def sample(name: str, **labels: str) -> float | None:
         return registry.get_sample_value(name, labels)
 
-    for reason in ("camera", "contradicting", "nothing_seen"):
+    for reason in ("camera", "inconsistent", "empty"):
         assert sample("pointchain_view_failures_total", reason=reason) == 1
-    assert sample("pointchain_views_total", result="left_out") == 2
+    assert sample("pointchain_views_total", result="excluded") == 2
     assert (
         sample("pointchain_views_total", result="missing") == sample("pointchain_views_total", result="recorded") == 1
     )
