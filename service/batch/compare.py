@@ -39,7 +39,7 @@ def compare(before: Path, after: Path, tolerance_m: float, as_json: bool) -> int
     except OSError as error:
         print(f"pointchain compare: {error.filename or error} cannot be read", file=sys.stderr)
         return EXIT_NOT_COMPARABLE
-    changes.sort(key=lambda one: (KINDS.index(one.kind), -(one.worst_m or 0.0)))
+    changes.sort(key=lambda one: (KINDS.index(one.kind), -(one.max_deviation_m or 0.0)))
     counts = Counter(one.kind for one in changes)
     if as_json:
         document = {"counts": {kind: counts[kind] for kind in KINDS}, "only_before": removed, "only_after": added}
@@ -117,7 +117,7 @@ def _print_changes(
     labels = {
         "lost": "model lost",
         "topology": "topology changed",
-        "doubts": "ambiguities changed",
+        "ambiguities": "ambiguities changed",
         "radius": "radius changed",
         "moved": "lines moved",
         "error": "error changed",

@@ -103,7 +103,7 @@ def _write_parquet(path: Path, lines: Iterator[str]) -> None:
 def _row(line: str) -> dict[str, Any]:
     """Return the columns of a line, with the values that are needed most. Without a model they are None."""
     document = json.loads(line)
-    recording, method = document["recording"], document["asked"]["method"]
+    recording, method = document["recording"], document["request"]["method"]
     row = {"file": _utf8(recording["file"]), "sha256": recording["sha256"], "method": method, "document": line}
     if "error" in document:
         error = document["error"]

@@ -12,14 +12,14 @@ from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 from cell.simulation.evaluation.metrics import score
 from service.batch.errors import BatchError
 
-Kind = Literal["lost", "topology", "doubts", "radius", "moved", "error", "gained", "same"]
+Kind = Literal["lost", "topology", "ambiguities", "radius", "moved", "error", "gained", "same"]
 """Kinds of change, the most serious first.
 
 `lost`: there is no model any more. `topology`: other strings, another order of crossings, or over and under exchanged.
-`doubts`: other ambiguities. `radius`: another radius. `moved`: lines moved. `error`: another error. `gained`: there was
-no model before. `same`: nothing changed.
+`ambiguities`: other ambiguities. `radius`: another radius. `moved`: lines moved. `error`: another error. `gained`:
+there was no model before. `same`: nothing changed.
 """
-KINDS: tuple[Kind, ...] = ("lost", "topology", "doubts", "radius", "moved", "error", "gained", "same")
+KINDS: tuple[Kind, ...] = ("lost", "topology", "ambiguities", "radius", "moved", "error", "gained", "same")
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Change:
     """Description, empty if nothing changed."""
     mean_m: float | None = None
     """Mean distance of the new lines from the old ones, metres. None: there are no lines to compare."""
-    worst_m: float | None = None
+    max_deviation_m: float | None = None
     """Largest distance between old and new lines, in both directions, metres."""
 
 
@@ -57,12 +57,12 @@ def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str
         else:
             mean, worst = _line_distances(before, after)
             topology = _compare_topology(before, after)
-        doubts = _compare_ambiguities(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
+        ambiguities = _compare_ambiguities(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
         radius = _compare_radii(before["chains"], after["chains"], tolerance_m)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # ScoringError is a ValueError
         raise BatchError(f"{recording}: one of the documents is not of schema pointchain/1: {error!r}") from error
     moved = "" if worst is None or worst <= tolerance_m else f"{_mm(worst)} at most, {_mm(mean)} on average"
-    found: dict[Kind, str] = {"topology": topology, "doubts": doubts, "radius": radius, "moved": moved}
+    found: dict[Kind, str] = {"topology": topology, "ambiguities": ambiguities, "radius": radius, "moved": moved}
     kinds: list[Kind] = [kind for kind, what in found.items() if what]
     return Change(
         recording, kinds[0] if kinds else "same", "; ".join(what for what in found.values() if what), mean, worst

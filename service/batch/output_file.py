@@ -138,15 +138,15 @@ class OutputFile:
         """
         try:
             document = json.loads(text)
-            asked, _ = dict(document["asked"]), document["recording"]["sha256"]
+            earlier, _ = dict(document["request"]), document["recording"]["sha256"]
         except (ValueError, KeyError, TypeError) as error:
             raise BatchError(
                 f"{self._path} exists and is not the output of pointchain recognise: name another file"
             ) from error
         requested = self._request.to_json()
-        if asked != requested:
-            differing = [key for key in {**requested, **asked} if asked.get(key) != requested.get(key)]
-            what = ", ".join(f"{key} {asked.get(key)}, now {requested.get(key)}" for key in differing)
+        if earlier != requested:
+            differing = [key for key in {**requested, **earlier} if earlier.get(key) != requested.get(key)]
+            what = ", ".join(f"{key} {earlier.get(key)}, now {requested.get(key)}" for key in differing)
             raise BatchError(f"{self._path} has models of other settings ({what}): name another file")
         return document
 

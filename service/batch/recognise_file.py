@@ -34,7 +34,7 @@ class RecognitionRequest:
     """Parameter values by name, which replace those for the radius."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the member `asked` of a line, without `settings` if none are set.
+        """Return the member `request` of a line, without `settings` if none are set.
 
         A radius that is NaN or infinite becomes text. Recognition rejects it.
         """
@@ -52,7 +52,7 @@ class RecordingLine:
     file: str
     """Name of the recording, as given by the caller."""
     text: str
-    """One JSON document without line breaks, with `recording`, `asked`, and the model or `schema` and `error`."""
+    """One JSON document without line breaks, with `recording`, `request`, and the model or `schema` and `error`."""
     reason: str | None = None
     """Reason why there is no model. None: there is one."""
     notes: tuple[str, ...] = ()
@@ -135,5 +135,5 @@ def _line(
     file: str, request: RecognitionRequest, document: dict[str, Any], path: Path, reason: str | None = None
 ) -> RecordingLine:
     recording = {"file": file, "sha256": hash_recording(path)}
-    text = json.dumps(document | {"recording": recording, "asked": request.to_json()}, allow_nan=False)
+    text = json.dumps(document | {"recording": recording, "request": request.to_json()}, allow_nan=False)
     return RecordingLine(file, text, reason)

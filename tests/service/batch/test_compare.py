@@ -80,7 +80,7 @@ def thicken(document: Document) -> None:
         (reverse, "same", ""),
         (exchange, "topology", "over and under exchanged at 1"),
         (lose_crossing, "topology", "3 crossings became 2"),
-        (add_ambiguity, "doubts", "0 ambiguities became 1"),
+        (add_ambiguity, "ambiguities", "0 ambiguities became 1"),
         (thicken, "radius", "radius 4.2 mm became 6 mm"),
         (lambda document: document["chains"].clear() or document["crossings"].clear(), "topology", "1 chains became 0"),
     ],
@@ -99,7 +99,7 @@ def test_another_ambiguity_is_a_change_but_another_number_in_it_is_not(knot: Doc
     after = with_ambiguity("chain 0 at 93 mm: over or under? (0.58)")
     assert compare_models("knot", before, after, 1e-5).kind == "same"
     change = compare_models("knot", before, with_ambiguity("chain 0 at 92 mm: a bar?"), 1e-5)
-    assert (change.kind, change.what) == ("doubts", "1 of 1 ambiguities are different")
+    assert (change.kind, change.what) == ("ambiguities", "1 of 1 ambiguities are different")
 
 
 @pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
@@ -119,10 +119,10 @@ def test_a_ring_with_another_start_or_direction_is_the_same(knot: Document, radi
 def test_distances_are_measured_between_the_lines(knot: Document):
     change = compare_models("knot", knot, changed(knot, shift), 1e-5)
     assert change.mean_m is not None
-    assert change.worst_m is not None
+    assert change.max_deviation_m is not None
     # a shift along a strand is no distance, so the mean is below the shift; across a strand the distance is the shift
     assert 0.5e-4 < change.mean_m < 2e-4
-    assert change.worst_m == pytest.approx(2e-4, rel=0.02)
+    assert change.max_deviation_m == pytest.approx(2e-4, rel=0.02)
     assert compare_models("knot", knot, changed(knot, shift), 3e-4).kind == "same", "within the tolerance"
 
 

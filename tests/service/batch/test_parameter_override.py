@@ -30,7 +30,7 @@ def test_the_model_and_its_line_hold_the_settings(recording: Path, capsys: pytes
     plain = recognised(capsys, recording)
     changed = recognised(capsys, recording, "--set", "z_t=0.004", "--set", "r_cn=0.013")
     assert changed["parameters"] == plain["parameters"] | {"z_t_m": 0.004, "r_cn_m": 0.013}
-    assert changed["asked"] == plain["asked"] | {"settings": {"r_cn": 0.013, "z_t": 0.004}}
+    assert changed["request"] == plain["request"] | {"settings": {"r_cn": 0.013, "z_t": 0.004}}
     assert changed["chains"] != plain["chains"]
     # the order on the command line does not matter
     assert recognised(capsys, recording, "--set", "r_cn=0.013", "--set", "z_t=0.004") == changed
