@@ -15,8 +15,8 @@ export interface Spot {
 export function pointAt(chain: Chain, s_m: number): Spot {
   const s = withinChain(chain, s_m);
   const piece = pieceAt(chain, s);
-  const from = knot(chain, piece);
-  const to = knot(chain, piece + 1);
+  const from = vertexAt(chain, piece);
+  const to = vertexAt(chain, piece + 1);
   const share = to.s_m > from.s_m ? (s - from.s_m) / (to.s_m - from.s_m) : 0;
   const index = (share < 0.5 ? piece : piece + 1) % chain.points.length;
   return { point: between(from.point, to.point, share), direction: unit(from.point, to.point), index, s_m: s };
@@ -35,7 +35,7 @@ export function pieceCount(chain: Chain): number {
 }
 
 /** Return point and arc length of a segment's start; the index may be one past the last point. */
-export function knot(chain: Chain, index: number): { point: Point; s_m: number } {
+export function vertexAt(chain: Chain, index: number): { point: Point; s_m: number } {
   const count = chain.points.length;
   const point = chain.points[index % count];
   if (point === undefined) throw new RangeError(`chain ${chain.id} has no points`);

@@ -41,7 +41,7 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
 }
 
 /** Return the points of the overview: the strings, the cloud or the workspace, and the shown layers around them. */
-export function outlineOf(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
+export function pointsToFrame(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
   const { model, geometry, q_rad, views } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));

@@ -13,7 +13,7 @@ const GAP_RADII = 2.5;
 const LEAST_SINE = 0.3;
 
 /** Split a chain into shown pieces and the gaps where it passes below another strand. */
-export function broken(chain: Chain, model: Model): { shown: Piece[]; gaps: Piece[] } {
+export function splitAtCrossings(chain: Chain, model: Model): { shown: Piece[]; gaps: Piece[] } {
   const gaps = chain.closed ? cutAtStart(merged(gapsOf(chain, model)), chain.length_m) : merged(gapsOf(chain, model));
   const shown: Piece[] = [];
   let from_m = 0;
@@ -25,8 +25,8 @@ export function broken(chain: Chain, model: Model): { shown: Piece[]; gaps: Piec
   return { shown: chain.closed ? joinedAtStart(shown, chain.length_m) : shown, gaps };
 }
 
-/** Remove a margin around `places` (arc lengths) from the pieces of a chain of this length. */
-export function clearOf(
+/** Cut a margin around `places` (arc lengths) out of the pieces of a chain of this length. */
+export function cutMargins(
   pieces: readonly Piece[],
   places: readonly number[],
   margin_m: number,

@@ -1,6 +1,6 @@
 import { type Object3D, type Scene, Vector3 } from "three";
 import { CSS2DObject, CSS2DRenderer } from "three/examples/jsm/renderers/CSS2DRenderer.js";
-import { besides, inside, overlap, type Rectangle } from "./rectangle";
+import { inside, overlap, rectangleBeside, type Rectangle } from "./rectangle";
 import type { Target, Point } from "./scene";
 import { pixelsAhead, type Screen, project } from "./screen";
 
@@ -110,7 +110,9 @@ export class LabelLayer {
     const off = OFF + (around_m * pixelsAhead(screen)) / projected.ahead_m;
     const free = (area: Rectangle) => inside(area, screen) && !this.taken.some((other) => overlap(other.area, area));
     const clear = (area: Rectangle) => free(area) && !strings.some((one) => overlap(one, area));
-    const [full, brief] = [size.full, size.brief].map((one) => WAYS.map((way) => besides(projected, one, way, off)));
+    const [full, brief] = [size.full, size.brief].map((one) =>
+      WAYS.map((way) => rectangleBeside(projected, one, way, off)),
+    );
     const marked = this.taken.filter((other) => other.rank < 0);
     const always = (area: Rectangle) => rank < 1 && !marked.some((other) => overlap(other.area, area));
     const short = rank < 0 ? full : brief;

@@ -1,5 +1,5 @@
 import { Vector3 } from "three";
-import { knot, pieceCount } from "./arc_length";
+import { pieceCount, vertexAt } from "./arc_length";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
@@ -41,7 +41,7 @@ function pickChain(chains: readonly Chain[], screen: Screen, x: number, y: numbe
   const perMetre = pixelsAhead(screen);
   const found = chains.flatMap((chain) => {
     const projected = Array.from({ length: pieceCount(chain) + 1 }, (_, k) => {
-      const { point, s_m } = knot(chain, k);
+      const { point, s_m } = vertexAt(chain, k);
       return { point, s_m, at: project(new Vector3().fromArray(point), screen) };
     });
     return projected.slice(1).flatMap((to, k) => {

@@ -7,7 +7,7 @@ export interface Rectangle {
 }
 
 /** Return a rectangle at the distance `off` from a point: to its right for the direction [1, 0], above for [0, -1]. */
-export function besides(
+export function rectangleBeside(
   at: { x: number; y: number },
   [width, height]: readonly [number, number],
   way: readonly [number, number],

@@ -4,7 +4,7 @@ import { Orbit } from "./camera";
 import { drawCameras } from "./cameras";
 import { drawCloud } from "./cloud";
 import { drawCrossings } from "./crossings";
-import { DIRECTIONS, outlineOf } from "./framing";
+import { DIRECTIONS, pointsToFrame } from "./framing";
 import { closeGraphics, openGraphics } from "./graphics";
 import { drawGrasps } from "./grasps";
 import { LabelLayer } from "./labels";
@@ -167,7 +167,7 @@ export class Stage implements View3D {
   }
 
   private outline(): Vector3[] {
-    return outlineOf(this.content, this.points, this.shown);
+    return pointsToFrame(this.content, this.points, this.shown);
   }
 
   private screen(): Screen {

@@ -4,7 +4,7 @@ import {
 } from "three";
 import { t } from "../texts/translate";
 import { pieceCount, pointAt } from "./arc_length";
-import { broken, clearOf, oversOf, type Piece } from "./gaps";
+import { cutMargins, oversOf, splitAtCrossings, type Piece } from "./gaps";
 import { label } from "./labels";
 import { outline } from "./outline";
 import type { Palette } from "./palette";
@@ -28,13 +28,13 @@ export function drawStrings(model: Model | null, palette: Palette): Group {
 function drawChain(chain: Chain, model: Model, palette: Palette): Group {
   const group = new Group();
   const r = chain.radius_m;
-  const { shown, gaps } = broken(chain, model);
+  const { shown, gaps } = splitAtCrossings(chain, model);
   for (const piece of shown) {
     group.add(...outlined(tube(chain, piece, r), palette.ink, 0.15 * r));
     if (!chain.closed || piece.to_m - piece.from_m < chain.length_m) group.add(...lids(chain, piece));
   }
   for (const gap of gaps) group.add(new Mesh(tube(chain, gap, GHOST * r), coloured()));
-  const clear = clearOf(shown, oversOf(chain, model), 4 * r, chain.length_m);
+  const clear = cutMargins(shown, oversOf(chain, model), 4 * r, chain.length_m);
   group.add(drawCones(chain, clear, palette), drawEnds(chain, palette));
   return group;
 }
