@@ -47,7 +47,7 @@ from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES, MANUAL
 from service.security.middleware.install import install_security
 from service.server.event_loop_watchdog import EventLoopWatchdog
 from service.storage.data_folder import DataFolder
-from service.storage.fault_memory import FaultMemory
+from service.storage.fault_store import FaultStore
 from service.storage.idempotency_keys import IdempotencyKeys
 from service.storage.retention import Retention
 from service.storage.store import Store
@@ -127,7 +127,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         publish_changes(robot_cell, store.events.hub)
         # before any process starts: while OpenCV is loaded, its folder comes first in the search path of a child
         image_cache = ImageCache()
-        fault = FaultMemory(store.database, robot_cell, lambda slug: audit.add(SERVICE, "fault", result=slug))
+        fault = FaultStore(store.database, robot_cell, lambda slug: audit.add(SERVICE, "fault", result=slug))
         cleanup.callback(fault.close)
         jobs = Jobs(store, robot_cell, config.limits.recognition_s, config.gripper.to_gripper(), metrics)
         cleanup.callback(jobs.close)

@@ -15,7 +15,7 @@ from service.jobs.manager import Jobs
 from service.problems.problem_error import ProblemError
 from service.states import ID_PATTERN
 from service.storage.disk_space import require_space
-from service.storage.fault_memory import FaultMemory
+from service.storage.fault_store import FaultStore
 from service.storage.idempotency_keys import IdempotencyKeys
 from service.storage.retention import Retention
 from service.storage.rows import RecordingRow, ScanRow
@@ -46,7 +46,7 @@ class Context:
     """Slots of the open event streams."""
     response_cache: ResponseCache
     """The most frequent responses."""
-    fault: FaultMemory
+    fault: FaultStore
 
     def require_space(self, incoming_bytes: int = 0) -> None:
         """Check that the data folder has space for `incoming_bytes` more. May block.

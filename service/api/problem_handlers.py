@@ -17,7 +17,7 @@ from service.problems.document import MEDIA_TYPE, problem_document
 from service.problems.problem_error import ProblemError
 from service.security.middleware.headers import UNEXPECTED_ERROR_HEADERS
 from service.storage.data_folder import OutsideError
-from service.storage.storage_errors import is_full, is_held
+from service.storage.storage_errors import is_full, is_locked
 
 
 def install_problem_handlers(app: FastAPI) -> None:
@@ -93,8 +93,8 @@ async def _on_error_with_slug(request: Request, error: Exception) -> JSONRespons
 async def _on_storage_error(request: Request, error: Exception) -> JSONResponse:
     if is_full(error):
         return _respond(request, "storage-full", "no space is left in the data folder; free some")
-    if is_held(error):
-        return _respond(request, "busy", "another program holds the database; try again", _retry_after(5.0))
+    if is_locked(error):
+        return _respond(request, "busy", "another program has locked the database; try again", _retry_after(5.0))
     raise error
 
 

@@ -17,7 +17,7 @@ MAX_OUTAGE_S = 60.0
 MIN_TIMEOUT_S = 0.05
 """Shortest timeout of a request, however near the deadline is."""
 TEMPORARY_PROBLEMS = frozenset({"not-ready", "busy"})
-"""Problems of a service that is starting or stopping, or whose database another program holds."""
+"""Problems of a service that is starting or stopping, or whose database another program has locked."""
 RETRYABLE_ERRORS = (httpx2.TransportError, GatewayError, ProblemError)
 """Errors that may be temporary. `RetryPolicy.wait_or_raise` decides.
 

@@ -12,7 +12,7 @@ from service.integrity.finding import REPAIR, Finding
 from service.integrity.row_decoding import UnreadableRowError, decode_row
 from service.storage.migrations import VERSION
 from service.storage.rows import CalibrationRow, RecordingRow, Row, ScanRow, ViewRow
-from service.storage.storage_errors import is_held
+from service.storage.storage_errors import is_locked
 
 TABLES = (
     "recordings", "scans", "views", "calibrations", "calibration_views", "scan_errors", "idempotency_keys", "events",
@@ -102,7 +102,7 @@ def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | N
             rows, unreadable = _rows(db)
             return [*unreadable, *_orphans(db)], rows
     except sqlite3.DatabaseError as error:
-        if is_held(error):
+        if is_locked(error):
             what = "another program has locked the database"
             return [Finding("database", "database-locked", where, what, "try again in a few seconds", False)], None
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS:  # the low byte is the primary code

@@ -14,7 +14,7 @@ PREPARING_S = 1.0
 """How long a request waits while another one is prepared, so that the refusal can name the job. A replay is accepted
 within milliseconds; for a live scan the cell may have to connect first."""
 LOCK_S = 0.5
-"""Timeout for acquiring the internal lock. It is held for milliseconds, or longer if another program holds the
+"""Timeout for acquiring the internal lock. It is held for milliseconds, or longer if another program locks the
 database: then requests must not queue up behind one another."""
 
 
@@ -124,5 +124,5 @@ def _occupied_by(job: Job[Any]) -> ServiceError:
 
 
 def _database_busy() -> ServiceError:
-    detail = "the database is held by another program, or the disk is slow; try again"
+    detail = "the database is locked by another program, or the disk is slow; try again"
     return ServiceError("busy", detail, retry_after_s=5.0)

@@ -40,7 +40,7 @@ log = logging.getLogger(__name__)
 
 CANCEL_TIMEOUT_S = 5.0
 """How long a cancel waits for the end of the job. That takes milliseconds, or longer if a camera is just being searched
-for or another program holds the database."""
+for or another program locks the database."""
 
 STOP_TIMEOUT_S = 1.0
 """How long a stop waits for the arm to end what it does. The caller wants to know soon that the stop arrived."""
@@ -93,7 +93,7 @@ class Jobs:
         """Accepts new jobs."""
         store.scans.interrupt_unfinished()
         store.calibrations.interrupt_unfinished()
-        # All scans without a recording: an earlier start may have been killed here, or the database was held.
+        # All scans without a recording: an earlier start may have been killed here, or the database was locked.
         for scan in store.scans.without_recording():
             try:
                 keep_recording(store, scan.id)

@@ -120,7 +120,7 @@ class JobRunner:
         self._write_until_done(job, work, state, failure)
 
     def _write_until_done(self, job: Job[Any], work: Work, state: ScanState, failure: Failure) -> None:
-        """Write the final row, again and again while the database is held or the disk is full. No other job begins.
+        """Write the final row, again and again while the database is locked or the disk is full. No other job begins.
 
         It gives up when the service is ending, and after an error that does not pass: the next start corrects the row.
         """
@@ -130,7 +130,7 @@ class JobRunner:
                 with self._lock.releasing(job):
                     work.end(job, state, failure)
                 return
-            except sqlite3.OperationalError:  # the database is held, or the disk is full or fails
+            except sqlite3.OperationalError:  # the database is locked, or the disk is full or fails
                 if not reported:
                     log.exception("the end of %s cannot be written; the service tries again", job.label)
                     reported = True

@@ -55,7 +55,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "busy": ProblemType(
         title="The store is busy",
         status=503,
-        cause="Another program holds the database, the disk is slow, or four recordings are being uploaded already.",
+        cause="Another program has locked the database, the disk is slow, or four recordings are already being "
+        "uploaded.",
         action="Send the request again after the seconds in `Retry-After`.",
         group="Retry later",
         parameters=("uploads",),

@@ -17,7 +17,7 @@ from service.storage.rows import stored
 T = TypeVar("T")
 
 BUSY_S = 4.0
-"""Timeout of a statement while another program holds the database. A request is answered within 5 s all the same."""
+"""Timeout of a statement while another program locks the database. A request is answered within 5 s all the same."""
 
 
 class StoreVersionError(ValueError):

@@ -1,4 +1,4 @@
-"""Errors of a full disk and of a database that another program holds."""
+"""Errors of a full disk and of a database that another program has locked."""
 
 import errno
 import sqlite3
@@ -13,13 +13,13 @@ def is_full(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
-def is_held(error: BaseException) -> bool:
-    """Return whether another program holds the database."""
+def is_locked(error: BaseException) -> bool:
+    """Return whether another program has locked the database."""
     return isinstance(error, sqlite3.Error) and _code(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
 
 
 def storage_failure(error: BaseException, kept: str) -> Failure | None:
-    """Return why a job ended, if the disk is full or the database is held; None for any other error.
+    """Return why a job ended, if the disk is full or the database is locked; None for any other error.
 
     Args:
         error: What ended the job.
@@ -27,8 +27,8 @@ def storage_failure(error: BaseException, kept: str) -> Failure | None:
     """
     if is_full(error):
         return Failure("storage-full", f"no space is left in the data folder; {kept}")
-    if is_held(error):
-        return Failure("busy", f"another program held the database for too long; {kept}")
+    if is_locked(error):
+        return Failure("busy", f"another program locked the database for too long; {kept}")
     return None
 
 

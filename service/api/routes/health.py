@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 router = APIRouter(tags=["health"])
 
 WRITE_TIMEOUT_MS = 1000
-"""Time to wait for the database while another program holds it. A request that writes waits longer."""
+"""Time to wait for the database while another program locks it. A request that writes waits longer."""
 
 
 @router.get("/healthz", responses=problem_responses())

@@ -25,7 +25,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def own(serve: Serve, data: Path) -> Iterator[httpx2.Client]:
-    # a held database fails at once
+    # a locked database fails at once
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("service.storage.database.BUSY_S", 0.0)
         with serve(data) as client:

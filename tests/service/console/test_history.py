@@ -85,12 +85,12 @@ def test_a_list_is_requested_again_after_an_error(open_console: Open, past: Serv
     page = opened.page
     # The page requests its lists again after it has received the last scan.
     expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Done|Failed"))
-    refusal = problem_document("busy", "another program holds the database; try again")
+    refusal = problem_document("busy", "another program has locked the database; try again")
     page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
     page.keyboard.press("3")
-    expect(page.get_by_role("main")).to_contain_text("Another program holds the database; try again.")
+    expect(page.get_by_role("main")).to_contain_text("Another program has locked the database; try again.")
     expect(page.get_by_role("list", name="Scans, the newest first").locator("> li").first).to_be_visible()
-    expect(page.get_by_text("Another program holds the database; try again.")).to_have_count(0)
+    expect(page.get_by_text("Another program has locked the database; try again.")).to_have_count(0)
 
 
 def test_a_scan_is_recognised_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from service.integrity.check import check_store
 from tests.service.conftest import Serve, wait_until
-from tests.service.faults.held_database import OtherProcess
+from tests.service.faults.locked_database import OtherProcess
 from tests.service.faults.recognition_stub import RecognitionStub, stub_factory
 from tests.service.live_cell import live_cell
 from tests.service.stored_data import check_target_of

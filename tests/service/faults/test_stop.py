@@ -18,7 +18,7 @@ from service.security.audit.reader import read_audit
 from tests.cell.arm.virtual_arm import dashboard_commands
 from tests.service.conftest import Serve, wait_until
 from tests.service.faults.figures import Figures, rounds
-from tests.service.faults.held_database import OtherProcess
+from tests.service.faults.locked_database import OtherProcess
 from tests.service.faults.moves import (
     assert_followed_plan,
     events_since,

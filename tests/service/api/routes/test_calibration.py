@@ -197,7 +197,7 @@ def test_a_stop_does_not_wait_for_the_drift_estimate_of_a_scan(client: ServedCli
             while not kept.running():
                 time.sleep(0.01)
             stopped = client.post("/api/cell/stop").json()
-            assert not kept.done(), "the database must be held"
+            assert not kept.done(), "the database must be locked"
             other.execute("ROLLBACK")
             with pytest.raises(sqlite3.IntegrityError):  # the estimate of this scan exists already
                 kept.result()

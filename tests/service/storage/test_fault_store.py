@@ -12,7 +12,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.control.status import CellStatus
 from service.storage.database import Database
-from service.storage.fault_memory import FaultMemory
+from service.storage.fault_store import FaultStore
 from tests.service.conftest import wait_until
 
 
@@ -30,7 +30,7 @@ def stored(database: Database) -> list[tuple[str, str]]:
 def after_restart(database: Database) -> CellStatus:
     """Return the status of a new cell that uses the database."""
     cell = Cell(CellSettings(arm=SimulatedArm()))
-    with closing(cell), closing(FaultMemory(database, cell)):
+    with closing(cell), closing(FaultStore(database, cell)):
         return cell.status
 
 
@@ -38,10 +38,10 @@ def test_a_fault_is_restored_after_a_restart(database: Database) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
     with closing(cell):
         reported: list[str] = []
-        memory = FaultMemory(database, cell, reported.append)
+        store = FaultStore(database, cell, reported.append)
         cell.restore_fault("robot-lost", "look at the cell")
         cell.close()  # closing is no acknowledgement
-        memory.close()
+        store.close()
         assert reported == ["robot-lost"]
         assert stored(database) == [("robot-lost", "look at the cell")]
     status = after_restart(database)
@@ -51,7 +51,7 @@ def test_a_fault_is_restored_after_a_restart(database: Database) -> None:
 
 def test_an_acknowledged_fault_is_not_restored(database: Database) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
-    with closing(cell), closing(FaultMemory(database, cell)):
+    with closing(cell), closing(FaultStore(database, cell)):
         cell.restore_fault("robot-lost", "look at the cell")
         wait_until(lambda: stored(database) != [])
         cell._status.change(state="not_ready", slug="not-connected", reason="acknowledged")
@@ -61,7 +61,7 @@ def test_an_acknowledged_fault_is_not_restored(database: Database) -> None:
 
 def test_a_locked_database_delays_no_change_and_is_written_later(database: Database, tmp_path: Path) -> None:
     cell = Cell(CellSettings(arm=SimulatedArm()))
-    with closing(cell), closing(FaultMemory(database, cell)):
+    with closing(cell), closing(FaultStore(database, cell)):
         with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3", isolation_level=None)) as other:
             other.execute("BEGIN IMMEDIATE")
             cell.restore_fault(

@@ -1,4 +1,4 @@
-"""The memory of a fault over a restart: it stays until a person acknowledges it, even if the service ended."""
+"""Storage of the cell's fault. A fault stays until a person acknowledges it, even if the service was restarted."""
 
 import logging
 import sqlite3
@@ -18,8 +18,11 @@ Fault = tuple[str, str]
 """Slug and reason."""
 
 
-class FaultMemory:
-    """Writes each fault and its acknowledgement, in its own thread: a stop must not wait for the database."""
+class FaultStore:
+    """Persists the cell's fault across restarts.
+
+    It writes each fault and its acknowledgement in its own thread, because a stop must not wait for the database.
+    """
 
     def __init__(self, database: Database, cell: Cell, on_fault: Callable[[str], None] | None = None) -> None:
         """Restore a fault that was not acknowledged before the service ended.
@@ -37,7 +40,7 @@ class FaultMemory:
         self._wanted: Fault | None = found
         self._changed = threading.Event()
         self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="fault-memory", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="fault-store", daemon=True)
         self._thread.start()
         cell.on_status(self._on_status)
 
