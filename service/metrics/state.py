@@ -49,11 +49,11 @@ class StateMetrics(Collector):
         yield CounterMetricFamily(
             "pointchain_recognition_restarts", "Recognition processes started after the first", value=restarts
         )
-        yield _gauge("pointchain_event_streams_open", "Open event streams", self._streams())
-        yield _gauge(
+        yield GaugeMetricFamily("pointchain_event_streams_open", "Open event streams", value=self._streams())
+        yield GaugeMetricFamily(
             "pointchain_data_free_bytes",
             "Free space on the data folder's disk",
-            shutil.disk_usage(self._folder.root).free,
+            value=shutil.disk_usage(self._folder.root).free,
         )
         store = GaugeMetricFamily(
             "pointchain_store_bytes", "Size of the stored files, at most one minute old", labels=("kind",)
@@ -81,13 +81,19 @@ class StateMetrics(Collector):
             None if arm is None else arm.safety_mode,
         )
         if arm is not None:
-            yield _gauge("pointchain_arm_moving", "1 while a move is running or a joint turns", int(arm.moving))
+            yield GaugeMetricFamily(
+                "pointchain_arm_moving", "1 while a move is running or a joint turns", value=int(arm.moving)
+            )
             age_s = time.monotonic() - arm.read_s + arm.age_s
-            yield _gauge("pointchain_arm_state_age_seconds", "Age of the arm's last reported state", age_s)
+            yield GaugeMetricFamily(
+                "pointchain_arm_state_age_seconds", "Age of the arm's last reported state", value=age_s
+            )
         if status.hand_eye is not None and status.hand_eye.created is not None:
             age = clock.utc_now() - status.hand_eye.created
-            yield _gauge(
-                "pointchain_calibration_age_seconds", "Age of the calibration that was last used", age.total_seconds()
+            yield GaugeMetricFamily(
+                "pointchain_calibration_age_seconds",
+                "Age of the calibration that was last used",
+                value=age.total_seconds(),
             )
 
 
@@ -109,10 +115,6 @@ class StoreSizes:
                 sizes = {"database": database, "recordings": recordings, "results": results}
                 self._measured = time.monotonic(), sizes
             return self._measured[1]
-
-
-def _gauge(name: str, documentation: str, value: float) -> GaugeMetricFamily:
-    return GaugeMetricFamily(name, documentation, value=value)
 
 
 def _state_gauge(name: str, documentation: str, states: tuple[str, ...], current: str | None) -> GaugeMetricFamily:

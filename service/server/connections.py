@@ -136,7 +136,8 @@ class GuardedConnection(H11Protocol):
         """Close the connection that has been idle longest; else one with a public request; else this one."""
         others = [one for one in self.connections if isinstance(one, GuardedConnection) and one is not self]
         idle = [one for one in others if not one._has_request]
-        evicted = min(idle or filter(_is_anonymous, others), key=lambda one: one._idle_since, default=self)
+        anonymous = (one for one in others if is_anonymous(one.cycle.scope.get("state", {})))
+        evicted = min(idle or anonymous, key=lambda one: one._idle_since, default=self)
         self.connections.discard(evicted)
         evicted.transport.abort()  # `close` would wait until the client has received everything
         now_s = self.loop.time()
@@ -184,10 +185,6 @@ class GuardedConnection(H11Protocol):
         except h11.LocalProtocolError:
             self.logger.debug("another answer had already begun")
         self.transport.close()
-
-
-def _is_anonymous(connection: GuardedConnection) -> bool:
-    return is_anonymous(connection.cycle.scope.get("state", {}))
 
 
 PROTOCOL: dict[str, Any] = {

@@ -35,20 +35,22 @@ def check_origin(scope: Scope, by_cookie: bool = False) -> None:
         # A link may be followed. Another page may not load anything: it could not read the answer, but it would use up
         # the event streams.
         if site in (b"cross-site", b"same-site") and header_values(scope, b"sec-fetch-mode") != [b"navigate"]:
-            raise _cross_origin("a page of another origin may not load this")
+            raise ProblemError("cross-origin", "a page of another origin may not load this")
         # Over plain HTTP, except on loopback, browsers do not send Sec-Fetch-Site.
         if by_cookie and not same_origin and scope["path"].endswith("/events"):
-            raise _cross_origin("with the cookie, this needs the header X-Pointchain, with any value")
+            raise ProblemError("cross-origin", "with the cookie, this needs the header X-Pointchain, with any value")
         return
     if site in (b"cross-site", b"same-site"):
-        raise _cross_origin("a page of another origin may not do this")
+        raise ProblemError("cross-origin", "a page of another origin may not do this")
     origin = header_values(scope, b"origin")
     if not origin and not by_cookie:
         return  # not a browser, or one that reports the same in Sec-Fetch-Site
     if origin and (len(origin) > 1 or not _is_same_authority(origin[0].decode("latin-1"), scope)):
-        raise _cross_origin("a page of another origin may not do this: the headers Origin and Host must match")
+        raise ProblemError(
+            "cross-origin", "a page of another origin may not do this: the headers Origin and Host must match"
+        )
     if not same_origin:
-        raise _cross_origin("from a browser, this needs the header X-Pointchain, with any value")
+        raise ProblemError("cross-origin", "from a browser, this needs the header X-Pointchain, with any value")
 
 
 def _is_same_authority(origin: str, scope: Scope) -> bool:
@@ -62,7 +64,3 @@ def _is_same_authority(origin: str, scope: Scope) -> bool:
         return False
     (host,) = header_values(scope, b"host")
     return authority.lower().removesuffix(default) == host.decode("latin-1").lower().removesuffix(default)
-
-
-def _cross_origin(detail: str) -> ProblemError:
-    return ProblemError("cross-origin", detail)
