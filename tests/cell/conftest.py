@@ -1,4 +1,4 @@
-"""One virtual controller for all tests of the arm in a process. `virtual_arm.fresh` resets it."""
+"""One virtual controller for all tests of this folder in a process. `virtual_arm.fresh` resets it."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from cell.simulation.ur_controller.launcher import RunningController, start_cont
 from tests.cell.loopback import free_host
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def controller() -> Iterator[RunningController]:
     with start_controller(host=free_host()) as controller:
         yield controller

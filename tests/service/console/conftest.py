@@ -22,6 +22,7 @@ from service.security.auth.tokens import add_token
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
+FOLDER = Path(__file__).parent
 ARGUMENTS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -146,6 +147,12 @@ class Cell:
             answer = self.live.client.post("/api/cell/acknowledge")
             assert answer.status_code == 200, answer.text
         self.live.is_well()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run the modules that use the shared cell after the others, because a connected cell uses a quarter of a core."""
+    using = {item.path for item in items if item.path.parent == FOLDER and "cell" in getattr(item, "fixturenames", ())}
+    items.sort(key=lambda item: (item.path.parent == FOLDER, item.path in using))
 
 
 @pytest.fixture(scope="package")
