@@ -87,8 +87,9 @@ class CellLock:
                 self._preparing = False
                 self._prepared.notify_all()
 
-    def accept(self, job: Job[Any], write: Callable[[], None], begin: Callable[[], None]) -> None:
-        """Give the reserved cell to `job`: write its row, then begin it.
+    @contextmanager
+    def accepting(self, job: Job[Any], begin: Callable[[Job[Any]], None]) -> Iterator[None]:
+        """Write the row of `job` in this context. At its end the job has the reserved cell and begins.
 
         Both happen before the lock can be closed, so a job that is running at that time has begun.
 
@@ -97,9 +98,9 @@ class CellLock:
         """
         with self._lock:
             self._refuse_if_closed()
-            write()
+            yield
             self._job = job
-            begin()
+            begin(job)
             self._prepared.notify_all()
 
     @contextmanager

@@ -66,7 +66,8 @@ class Submissions:
         """
         with self._lock.reserved():
             scan = new_scan("replay", method, radius_m, requester, recording=recording.id, source=source)
-            self._accept(Job(scan, None), lambda: self._store.scans.add(scan, requester.key_row(scan)))
+            with self._lock.accepting(Job(scan, None), self._begin):
+                self._store.scans.add(scan, requester.key_row(scan))
             return scan
 
     def live(
@@ -89,7 +90,8 @@ class Submissions:
         with self._lock.reserved():
             prepared = self._cell.prepare_scan(views, requested_at)
             scan = new_scan("live", method, radius_m, requester, calibration_sha256=prepared.hand_eye.sha256)
-            self._accept(Job(scan, prepared), lambda: self._store.scans.add(scan, requester.key_row(scan)))
+            with self._lock.accepting(Job(scan, prepared), self._begin):
+                self._store.scans.add(scan, requester.key_row(scan))
             return scan
 
     def calibration(self, board: Board, poses: int, requested_at: float) -> CalibrationRow:
@@ -97,7 +99,8 @@ class Submissions:
         with self._lock.reserved():
             prepared = self._cell.prepare_calibration(board, requested_at, poses)
             row = new_calibration("calibration", board, poses, warnings=prepared.plan.warnings)
-            self._accept(Job(row, prepared), lambda: self._store.calibrations.add(row))
+            with self._lock.accepting(Job(row, prepared), self._begin):
+                self._store.calibrations.add(row)
             return row
 
     def verification(self, requested_at: float) -> CalibrationRow:
@@ -105,11 +108,9 @@ class Submissions:
         with self._lock.reserved():
             prepared = self._cell.prepare_verification(requested_at)
             row = new_calibration("verification", None, len(prepared.plan.viewpoints), prepared.hand_eye.sha256)
-            self._accept(Job(row, prepared), lambda: self._store.calibrations.add(row))
+            with self._lock.accepting(Job(row, prepared), self._begin):
+                self._store.calibrations.add(row)
             return row
-
-    def _accept(self, job: Job[Any], write: Callable[[], None]) -> None:
-        self._lock.accept(job, write, lambda: self._begin(job))
 
 
 def new_scan(

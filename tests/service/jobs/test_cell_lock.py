@@ -35,8 +35,9 @@ def test_a_second_request_is_refused_with_the_running_job(
     with lock.reserved():
         error = refusal(lock)
         assert (error.slug, error.retry_after_s, error.job) == ("cell-busy", 2.0, None)
-        lock.accept(job, lambda: done.append("written"), lambda: done.append("begun"))
-    assert done == ["written", "begun"]
+        with lock.accepting(job, lambda begun: done.append(begun.label)):
+            done.append("written")
+    assert done == ["written", job.label]
     assert lock.job is job
     error = refusal(lock)
     assert (error.retry_after_s, error.job) == (None, JobReference(kind, job.row.id))
@@ -58,35 +59,33 @@ def test_a_request_during_a_preparation_waits_for_the_name_of_the_job(monkeypatc
     with ThreadPoolExecutor(1) as pool:
         with lock.reserved():
             second = pool.submit(refusal, lock)
-            lock.accept(job, lambda: None, lambda: None)
+            with lock.accepting(job, lambda _: None):
+                pass
         assert second.result().job == job.reference
 
 
 def test_a_failed_write_leaves_the_lock_free() -> None:
     lock, begun = CellLock(), []
-
-    def full() -> None:
+    with pytest.raises(OSError, match="no space"), lock.reserved(), lock.accepting(scan(), begun.append):
         raise OSError("no space")
-
-    with pytest.raises(OSError, match="no space"), lock.reserved():
-        lock.accept(scan(), full, lambda: begun.append(1))
     assert (lock.job, begun) == (None, [])
     with lock.reserved():
         pass
 
 
 def test_a_closed_lock_accepts_no_job() -> None:
-    lock = CellLock()
+    lock, written = CellLock(), []
 
     def prepare() -> None:
         with lock.reserved():
             assert lock.close() is None
-            lock.accept(scan(), lambda: None, lambda: None)
+            with lock.accepting(scan(), lambda _: None):
+                written.append(1)
 
     with pytest.raises(ServiceError) as refused:
         prepare()
     assert refused.value.slug == "not-ready"
-    assert (lock.job, lock.closed, refusal(lock).slug) == (None, True, "not-ready")
+    assert (written, lock.job, lock.closed, refusal(lock).slug) == ([], None, True, "not-ready")
 
 
 def test_a_cell_error_during_closing_is_reported_as_not_ready() -> None:
@@ -108,8 +107,8 @@ def test_a_cell_error_during_closing_is_reported_as_not_ready() -> None:
 
 def test_close_returns_the_running_job_and_releasing_another_has_no_effect() -> None:
     lock, first, second = CellLock(), scan(), calibration()
-    with lock.reserved():
-        lock.accept(first, lambda: None, lambda: None)
+    with lock.reserved(), lock.accepting(first, lambda _: None):
+        pass
     with lock.releasing(second):
         pass
     assert lock.close() is first
