@@ -600,6 +600,13 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         action="Correct the folder as `detail` says, or name another one.",
         group="Repeat the calibration",
     ),
+    "calibration-in-future": ProblemType(
+        title="The calibration is dated in the future",
+        status=409,
+        cause="The creation time of the calibration is later than now.",
+        action="Correct the clock of this machine, or calibrate again.",
+        group="Repeat the calibration",
+    ),
     "calibration-invalid": ProblemType(
         title="Invalid calibration file",
         status=409,
@@ -620,13 +627,6 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         status=409,
         cause="There is no calibration file at the given path.",
         action="Check the path, or calibrate the cell.",
-        group="Repeat the calibration",
-    ),
-    "calibration-in-future": ProblemType(
-        title="The calibration is dated in the future",
-        status=409,
-        cause="The creation time of the calibration is later than now.",
-        action="Correct the clock of this machine, or calibrate again.",
         group="Repeat the calibration",
     ),
     "calibration-stale": ProblemType(

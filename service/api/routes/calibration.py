@@ -40,8 +40,8 @@ Index = Annotated[int, Path(ge=0, le=999)]
 _SUBMIT = (*CELL, "not-ready", "storage-full", "viewpoints-unreachable")
 """Problem types of an operation that starts a run."""
 _ACTIVATE = (
-    "calibration", "calibration-invalid", "calibration-mismatch", "calibration-missing", "calibration-not-found",
-    "calibration-in-future", "calibration-refused", "calibration-stale", "calibration-unreadable", "cell-busy",
+    "calibration", "calibration-in-future", "calibration-invalid", "calibration-mismatch", "calibration-missing",
+    "calibration-not-found", "calibration-refused", "calibration-stale", "calibration-unreadable", "cell-busy",
     "invalid-request", "not-activatable", "result-not-ready",
 )  # fmt: skip
 STARTED = {202: links("get_run", "cancel_run", "activate_run", "get_run_image")}
