@@ -14,6 +14,7 @@ from typing import Any
 
 from cell.control.progress import MissingView
 from cell.recording.errors import RecordingError
+from service.clock import format_utc
 from service.errors import Failure
 from service.integrity.check import CheckReport, CheckTarget, check_store
 from service.integrity.database_check import text_or_bytes
@@ -25,7 +26,7 @@ from service.integrity.row_repair import rebuild_row
 from service.processing.upload_sandbox import describe_untrusted_recording
 from service.security.auth.tokens import TOKENS_FILE
 from service.storage.data_folder import ID, DataFolder
-from service.storage.database import now
+from service.storage.database import now, time_of_id
 from service.storage.rows import RecordingRow, insert, stored
 from service.storage.scan_store import KEPT
 from service.storage.store import Store
@@ -230,6 +231,8 @@ class _Repairer:
         if scan is not None and scan.mode == "live":
             self._store.add_scan_recording(row)
         else:
+            if (uploaded := time_of_id(row.id)) is not None:
+                row = replace(row, created_at=format_utc(uploaded))
             with self._store.database.transaction() as db:
                 insert(db, "recordings", row)
         return f"adopted as a recording of {row.views} views"

@@ -47,12 +47,9 @@ class _IdClock:
 
     def advance_past(self, used_id: str) -> None:
         """Return only times after that of an id that is in use."""
-        try:
-            moment = datetime.strptime(used_id.rpartition("-")[0], _ID_TIME).replace(tzinfo=UTC)
-        except ValueError:  # digits alone make no date
-            return
-        with self._lock:
-            self._last = max(moment, self._last)
+        if (moment := time_of_id(used_id)) is not None:
+            with self._lock:
+                self._last = max(moment, self._last)
 
 
 _id_clock = _IdClock()
@@ -64,6 +61,14 @@ def new_id() -> str:
     It begins with the present time, unless the clock was set back.
     """
     return f"{_id_clock.next():{_ID_TIME}}-{secrets.token_hex(4)}"
+
+
+def time_of_id(used_id: str) -> datetime | None:
+    """Return the time with which an id begins; None if its digits are no date."""
+    try:
+        return datetime.strptime(used_id.rpartition("-")[0], _ID_TIME).replace(tzinfo=UTC)
+    except ValueError:
+        return None
 
 
 def now() -> str:

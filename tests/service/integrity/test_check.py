@@ -94,6 +94,7 @@ def test_the_row_of_a_missing_recording_is_removed(data: Data) -> None:
 
 def test_readable_recordings_without_a_row_are_adopted(data: Data, recording_file: Path) -> None:
     shutil.copy(recording_file, data.recording("found-1"))
+    shutil.copy(recording_file, data.recording("20260102t030405-678901-0badcafe"))
     data.recording("found-2").write_bytes(b"nothing")
     shutil.copy(recording_file, data.recording("No-Id"))
     # the recording of a live scan, as if the service ended before it wrote the row
@@ -102,6 +103,9 @@ def test_readable_recordings_without_a_row_are_adopted(data: Data, recording_fil
     assert data.codes() == {"recording-without-row"}
     data.repair()
     assert data.row("SELECT views FROM recordings WHERE id = 'found-1'") == (4,)
+    # its upload began at the time in its id
+    created = "SELECT created_at FROM recordings WHERE id LIKE '%-0badcafe'"
+    assert data.row(created) == ("2026-01-02T03:04:05.678Z",)
     assert data.row("SELECT recording FROM scans WHERE id = ?", LIVE) == (LIVE,)
     assert data.lost("found-2.mcap").read_bytes() == b"nothing"
     assert data.lost("No-Id.mcap").exists()
