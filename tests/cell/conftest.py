@@ -8,7 +8,7 @@ from cell.simulation.ur_controller.launcher import RunningController, start_cont
 from tests.cell.loopback import free_host
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="session")
 def controller() -> Iterator[RunningController]:
     with start_controller(host=free_host()) as controller:
         yield controller

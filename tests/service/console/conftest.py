@@ -22,7 +22,6 @@ from service.security.auth.tokens import add_token
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
-FOLDER = Path(__file__).parent
 ARGUMENTS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
@@ -40,8 +39,8 @@ def chromium_path() -> str | None:
     return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
 
-# Not for the session: while Playwright is open, nothing else in this thread can run an event loop.
-@pytest.fixture(scope="package")
+# The scope is a module: while Playwright is open, nothing else in this thread can run an event loop.
+@pytest.fixture(scope="module")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """The browser. Without one, its tests are skipped; in continuous integration they fail."""
     path = chromium_path()
@@ -149,15 +148,9 @@ class Cell:
         self.live.is_well()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the modules that use the shared cell after the others, because a connected cell uses a quarter of a core."""
-    using = {item.path for item in items if item.path.parent == FOLDER and "cell" in getattr(item, "fixturenames", ())}
-    items.sort(key=lambda item: (item.path.parent == FOLDER, item.path in using))
-
-
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """A cell that all tests of this folder share, slow enough to catch in motion. Each test leaves it ready to scan."""
+    """A cell that all tests of a module share, slow enough to catch in motion. Each test leaves it ready to scan."""
     data = tmp_path_factory.mktemp("cell")
     tokens: dict[Role, str] = {role: add_token(data, f"an-{role}", role) for role in ROLES}
     with live_cell(serve, data, time_factor=5.0) as live:
