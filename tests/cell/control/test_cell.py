@@ -163,7 +163,9 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
 
 def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path: Path) -> None:
     plain = simulated(model="oak-d-pro-measured", exposures=5)
-    arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 4})
+    # With this seed the errors at the viewpoints are as large as the configured ones. With larger ones (0.8 mm, seed 4)
+    # it depends on the noise of the exposures, which no seed fixes, whether all of the string is found.
+    arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 0})
     settings = plain.model_copy(update={"arm": arm})
     with opened(settings) as cell:
         prepared = prepared_scan(cell)
@@ -172,7 +174,7 @@ def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path
         np.linalg.norm((view.T_base_flange - prepared.plan.viewpoints[view.index].T_base_flange)[:3, 3])
         for view in views
     ]
-    assert 0.0002 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0018  # at most three times the configured error
+    assert 0.0004 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0008  # the configured error, within a third
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
     model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
     assert score(model.to_json(), world_truth(simulated_world(settings))).topology
