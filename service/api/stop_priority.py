@@ -46,5 +46,5 @@ class StopPriority:
 
 
 def _is_stop(scope: Scope) -> bool:
-    """Return whether the call, as the security layer has found it, must not be delayed."""
+    """Return whether the request is a stop or a cancel. The gate, which is outside, has put its name in the state."""
     return scope.get("state", {}).get("call") in STOP_CALLS

@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return options.run(options)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
-        from service.signals import INTERRUPTED_EXIT_CODE
+        from service.signals import INTERRUPTED_EXIT_CODE  # here, because its module loads asyncio
 
         return INTERRUPTED_EXIT_CODE
     except BrokenPipeError:

@@ -46,8 +46,13 @@ def test_no_move_is_sent_after_a_stop_request(controller: RunningController, mon
         arm.close()
 
 
-def test_a_watchdog_that_expires_during_braking_is_no_fault(controller: RunningController):
+def test_a_watchdog_that_expires_during_braking_is_no_fault(
+    controller: RunningController, monkeypatch: pytest.MonkeyPatch
+):
     """The watchdog gets no signal after a stop, so it ends the program of an arm that brakes slowly."""
+    # so that the stop waits for a busy machine: over the dashboard, it would end the program before the watchdog does
+    monkeypatch.setattr("cell.arm.connection.STOP_TURN_S", 5.0)
+    monkeypatch.setattr("cell.arm.connection.STOP_ANSWER_S", 5.0)
     begin = fresh(controller)
     arm = UrArm(FAST.model_copy(update={"stop_deceleration_m_s2": 1.0}), controller.host)
     try:

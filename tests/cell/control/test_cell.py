@@ -163,8 +163,8 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
 
 def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path: Path) -> None:
     plain = simulated(model="oak-d-pro-measured", exposures=5)
-    # With this seed the errors at the viewpoints are as large as the configured ones. With larger ones (0.8 mm, seed 4)
-    # it depends on the noise of the exposures, which no seed fixes, whether all of the string is found.
+    # With this seed, the errors at the viewpoints are as large as configured. With errors of 0.8 mm (seed 4), the noise
+    # of the exposures, which no seed fixes, decides whether the whole string is found.
     arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 0})
     settings = plain.model_copy(update={"arm": arm})
     with opened(settings) as cell:

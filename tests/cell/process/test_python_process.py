@@ -77,7 +77,7 @@ def test_the_child_exits_with_its_parent_even_if_a_fork_holds_the_pipe(forks: bo
     # a service with many connections gives its children pipes with large numbers
     limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     if limit != resource.RLIM_INFINITY and limit <= pipe:
-        pytest.skip("a process of this machine cannot have so many open files")
+        pytest.skip("the limit of open files is too low on this machine")
     script = PARENT.format(root=ROOT, forks=forks, pipe=pipe)
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None

@@ -162,7 +162,7 @@ def assert_present(client: httpx2.Client, acknowledged: Acknowledged, retention:
     for key, (body, name) in list(acknowledged.keys.items())[-5:]:
         if client.get(f"/api/scans/{name}").status_code == 200:
             again = client.post("/api/scans", json=body, headers={"Idempotency-Key": key})
-            if retention and client.get(f"/api/scans/{name}").status_code == 404:  # removed since the last line
+            if retention and client.get(f"/api/scans/{name}").status_code == 404:  # retention has removed it meanwhile
                 continue
             assert (again.status_code, again.json()["id"]) == (202, name)
             assert again.headers["Idempotency-Replayed"] == "true"
