@@ -82,7 +82,7 @@ def uses_cell(page: Path) -> bool:
 
 
 PAGES = [
-    pytest.param(page, id=name_of(page), marks=[pytest.mark.xdist_group("cell")] if uses_cell(page) else [])
+    pytest.param(page, id=name_of(page), marks=[pytest.mark.xdist_group("documents")] if uses_cell(page) else [])
     for page in pages()
     if to_run(page)
 ]

