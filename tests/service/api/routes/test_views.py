@@ -65,11 +65,15 @@ def test_an_image_is_drawn_once_and_a_client_that_has_it_gets_304(
 
 def test_the_image_cache_is_bounded(client: ServedClient, scan: dict[str, Any]) -> None:
     images = client.app.state.context.image_cache._images
-    for number in range(MAX_IMAGES + 3):
-        images[number] = next(iter(images.values()))
-    assert client.get(f"{scan['links']['views']}/1.png").status_code == 200
     images.clear()
     assert client.get(f"{scan['links']['views']}/1.png").status_code == 200
+    [(oldest, image)] = images.items()
+    for number in range(MAX_IMAGES - 1):
+        images[number] = image
+    assert client.get(f"{scan['links']['views']}/2.png").status_code == 200
+    assert len(images) == MAX_IMAGES
+    assert oldest not in images
+    images.clear()
 
 
 def test_an_unknown_view_is_not_found(
