@@ -14,7 +14,7 @@ import service
 from service.app import create_app, openapi_document
 from service.config.loader import ServiceConfig
 from service.problems.problem_types import PROBLEM_TYPES
-from tests.service.conftest import PATIENCE_S, ServedClient
+from tests.service.conftest import PATIENCE_S, Serve
 
 COMMITTED = Path(service.__file__).parent / "openapi.json"
 ALL_PROBLEMS = set(json.loads(COMMITTED.read_text())["components"]["schemas"]["Problem"]["properties"]["type"]["enum"])
@@ -72,7 +72,7 @@ def test_the_page_of_the_api_needs_no_other_host(client: httpx2.Client) -> None:
 
 
 def test_no_request_waits_while_the_document_is_generated(
-    client: ServedClient, monkeypatch: pytest.MonkeyPatch
+    serve: Serve, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     making, go_on = threading.Event(), threading.Event()
 
@@ -81,9 +81,9 @@ def test_no_request_waits_while_the_document_is_generated(
         assert go_on.wait(PATIENCE_S)
         return {"made": "at last"}
 
-    monkeypatch.setattr("service.api.response_cache.MAX_AGE_S", -1.0)
-    monkeypatch.setattr(client.app, "openapi", make)
-    with ThreadPoolExecutor(1) as pool:
+    # a service of its own, because the answer that is made here stays in its cache
+    with serve(tmp_path) as client, ThreadPoolExecutor(1) as pool:
+        monkeypatch.setattr(client.app, "openapi", make)
         pending = pool.submit(client.get, "/openapi.json")
         try:
             assert making.wait(PATIENCE_S)

@@ -295,6 +295,11 @@ class FollowedScan:
 
 @pytest.fixture(scope="module")
 def followed(client: httpx2.Client, recording_file: Path) -> FollowedScan:
+    return followed_scan(client, recording_file)
+
+
+def followed_scan(client: httpx2.Client, recording_file: Path) -> FollowedScan:
+    """Return a new scan of the recording, followed until its end."""
     recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
     scan = client.post("/api/scans", json={"mode": "replay", "recording": recording}).json()
     events = read_events(client, scan["links"]["events"])
@@ -367,8 +372,9 @@ def test_an_unknown_event_is_refused(
 
 
 def test_a_stream_after_a_removed_event_begins_with_the_present_state(
-    client: ServedClient, followed: FollowedScan
+    client: ServedClient, recording_file: Path
 ) -> None:
+    followed = followed_scan(client, recording_file)
     database = client.app.state.context.store.database
     with database.transaction() as db:
         db.execute("DELETE FROM events WHERE id = ?", (followed.events[1].id,))
