@@ -1,5 +1,6 @@
 """Settings of the camera: model, exposure, working distance."""
 
+from abc import abstractmethod
 from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -33,7 +34,7 @@ SCENES = (
 class CameraSettings(StrictSettings):
     """Settings that every kind of camera has."""
 
-    # a subclass adds `kind`, `optics`, `device_id` and `summary`
+    # A subclass also adds `kind`, by which a configuration names it.
 
     exposures: int = Field(default=5, ge=1, le=25)
     """Number of depth images per view. The view is their median."""
@@ -47,19 +48,19 @@ class CameraSettings(StrictSettings):
     """Size of the camera body along its x, y and z axes, for collision checks."""
 
     @property
+    @abstractmethod
     def optics(self) -> CameraOptics:
         """Nominal optics, with which viewpoints are planned."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def device_id(self) -> str | None:
         """Device id of the camera, or None if the settings do not determine it."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def summary(self) -> str:
         """Short description of the camera for a report."""
-        raise NotImplementedError
 
     @field_validator("working_m")
     @classmethod

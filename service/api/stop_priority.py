@@ -46,5 +46,5 @@ class StopPriority:
 
 
 def _is_stop(scope: Scope) -> bool:
-    """Return whether the request is a stop or a cancel. The gate, which is outside, has put its name in the state."""
+    """Return whether the request is a stop or a cancel, by the call's name from the security layer around this one."""
     return scope.get("state", {}).get("call") in STOP_CALLS

@@ -188,6 +188,7 @@ def test_an_unusable_file_is_the_reason_and_no_warning(serve: Serve, tmp_path: P
 
 def test_a_stop_does_not_wait_for_the_drift_estimate_of_a_scan(client: ServedClient) -> None:
     context = client.app.state.context
+    # this request judges the drift; the response to a stop has the latest judgement
     assert [warning["code"] for warning in client.get("/api/cell").json()["warnings"]] == ["calibration-drift"]
     scan = client.get("/api/scans").json()["scans"][0]["id"]
     error = HandEyeErrorEstimate(np.eye(6), np.zeros(6), np.zeros(6))
