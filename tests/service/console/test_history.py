@@ -21,11 +21,11 @@ pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def past(
     serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[ServedClient]:
-    """A service with one scan that has a result and one that has none."""
+    """A service with one scan that has a result and one that has none. It ends after the page, which is made later."""
     with serve(tmp_path_factory.mktemp("data")) as client:
         recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
         request = {"mode": "replay", "recording": recording}
@@ -37,7 +37,7 @@ def past(
         yield client
 
 
-def test_scans_are_listed_filtered_opened_and_protected(open_console: Open, past: ServedClient) -> None:
+def test_scans_are_listed_filtered_opened_and_protected(past: ServedClient, open_console: Open) -> None:
     page = open_console(past, "#/history").page
     rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
     expect(rows).to_have_count(2)
@@ -79,7 +79,7 @@ def test_scans_are_listed_filtered_opened_and_protected(open_console: Open, past
     expect(rows).to_have_count(0)
 
 
-def test_a_list_is_requested_again_after_an_error(open_console: Open, past: ServedClient) -> None:
+def test_a_list_is_requested_again_after_an_error(past: ServedClient, open_console: Open) -> None:
     opened = open_console(past, "#/scan")
     opened.allow_errors("503")
     page = opened.page
@@ -93,7 +93,7 @@ def test_a_list_is_requested_again_after_an_error(open_console: Open, past: Serv
     expect(page.get_by_text("Another program has locked the database; try again.")).to_have_count(0)
 
 
-def test_a_scan_is_recognised_again_with_other_parameters(open_console: Open, past: ServedClient) -> None:
+def test_a_scan_is_recognised_again_with_other_parameters(past: ServedClient, open_console: Open) -> None:
     page = open_console(past, "#/history").page
     page.get_by_label("Outcome").select_option(label="with a result")
     page.get_by_role("list", name="Scans, the newest first").get_by_role("button").last.click()
@@ -110,7 +110,7 @@ def test_a_scan_is_recognised_again_with_other_parameters(open_console: Open, pa
 
 
 def test_older_scans_are_shown_on_request_and_stay_after_a_new_scan(
-    open_console: Open, past: ServedClient, finished: Finished
+    past: ServedClient, open_console: Open, finished: Finished
 ) -> None:
     store = past.app.state.context.store
     for _ in range(25):
@@ -127,7 +127,7 @@ def test_older_scans_are_shown_on_request_and_stay_after_a_new_scan(
     expect(rows).to_have_count(min(before + 1, 40))
 
 
-def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(open_console: Open, past: ServedClient) -> None:
+def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(past: ServedClient, open_console: Open) -> None:
     store = past.app.state.context.store
     (old,) = store.scans.newest(1)
     for _ in range(21):

@@ -55,6 +55,7 @@ def test_stop_does_not_wait_for_pending_requests(open_console: Open, cell: Cell)
 
 
 def test_a_stop_that_does_not_get_through_is_reported(open_console: Open, cell: Cell) -> None:
+    cell.make_ready()
     opened = open_console(cell.live.client, token=cell.tokens["operator"])
     opened.allow_errors("ERR_FAILED")
     page = opened.page

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_quaternion, inverse, rotation_angle
+from cell.simulation.devices.world import simulated_world
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from tests.service.conftest import Serve
 from tests.service.live_cell import LiveCell, live_cell
@@ -36,11 +37,17 @@ def begin(cell: LiveCell, path: str = RUNS, **body: Any) -> str:
     return answer.headers["Location"]
 
 
+def nominal_sha256(cell: LiveCell) -> str:
+    """Return the hash of the nominal calibration, which is in use until another one is activated."""
+    return simulated_world(cell.settings).nominal_hand_eye.sha256
+
+
 @pytest.fixture(scope="module")
 def calibrated(cell: LiveCell, finished: Finished) -> dict[str, Any]:
     """Return the document of a succeeded run whose result is not active."""
     before = cell.client.get("/api/calibration").json()
     assert (before["active_run"], before["reason"]) == (None, None)
+    assert before["calibration"]["sha256"] == nominal_sha256(cell)
     location = begin(cell, poses=12)
     assert cell.client.get("/api/calibration").json()["active_run"] == location
     run = finished(cell.client, location)
@@ -82,13 +89,12 @@ def test_a_run_reports_its_views_and_finds_the_true_mounting(cell: LiveCell, cal
 def test_an_activated_result_is_in_use_and_can_be_verified(
     cell: LiveCell, calibrated: dict[str, Any], finished: Finished, assert_problem: Problem
 ) -> None:
-    before = cell.client.get("/api/calibration").json()["calibration"]
     answer = cell.client.post(calibrated["links"]["activate"])
     assert answer.status_code == 200, answer.text
     assert answer.json()["activated_at"] is not None
     now = cell.client.get("/api/calibration").json()
     in_use = now["calibration"]
-    assert in_use["sha256"] != before["sha256"]
+    assert in_use["sha256"] != nominal_sha256(cell)
     assert in_use["T_flange_camera"][0][3] == pytest.approx(calibrated["result"]["T_flange_camera"]["xyz_m"][0])
     assert in_use["repeatability_95_m"] == calibrated["result"]["metrics"]["repeatability_95_m"]
     assert in_use["sigma_m"] == pytest.approx(calibrated["result"]["metrics"]["sigma_m"])
