@@ -1,4 +1,4 @@
-"""Scan, decide whether to trust the model, take over the arm, and print the best grasp.
+"""Scan, decide alone whether to grasp, scan again or ask a person, and print the grasp.
 
 Run: python examples/planner.py [URL]. The service's arm moves. A token comes from POINTCHAIN_TOKEN, if set.
 """
@@ -6,23 +6,40 @@ Run: python examples/planner.py [URL]. The service's arm moves. A token comes fr
 import os
 import sys
 
+from recognition.model import Grasp, PointChainModel
 from service.client import Client, ClientError
+
+MORE_DATA_HELPS = {
+    "connection-uncertain", "crossing-undecided", "end-unobserved", "possible-string", "scene-changed", "sharp-bend",
+    "upper-strand-unseen",
+}  # fmt: skip
+
+
+def decide(model: PointChainModel) -> Grasp | str:
+    """Return a grasp to carry out, or what to do instead: `done`, `rescan` or `ask`."""
+    if model.quality.verdict == "accept" and not model.chains:
+        return "done"
+    for grasp in model.grasps:
+        if model.trusted(grasp.chain):
+            return grasp
+    codes = {finding.code for finding in model.quality.doubts}
+    return "rescan" if codes and codes <= MORE_DATA_HELPS else "ask"
 
 
 def main(url: str) -> int:
-    """Return 0 when a grasp was printed, 1 when a person must decide."""
+    """Return 0 when a grasp was printed or no string is there, 1 when a person must decide."""
     with Client(url, token=os.environ.get("POINTCHAIN_TOKEN")) as cell:
-        scan = cell.scan(string_radius_m=0.0042)
-        model = cell.model(scan)
-        doubts = [*model.quality.ambiguities, *model.quality.warnings]
-        if scan.state != "succeeded" or doubts or not model.grasps:
-            print(f"scan {scan.id} is {scan.state}, no automatic grasp:", *doubts, sep="\n  ", file=sys.stderr)
-            return 1
+        model = cell.model(cell.scan(string_radius_m=0.0042))
+        if decide(model) == "rescan":
+            model = cell.model(cell.scan(string_radius_m=0.0042))
+        decision = decide(model)
         cell.release()  # returns when the arm is home: from here on this program may move it
-    grasp = model.grasps[0]
-    print(f"chain {grasp.chain} at {grasp.s_m:.3f} m, open to {grasp.opening_m:.4f} m, T_base_grasp:")
-    print(grasp.T_base_grasp)
-    return 0
+    if isinstance(decision, Grasp):
+        print(f"chain {decision.chain} at {decision.s_m:.3f} m, open to {decision.opening_m:.4f} m, T_base_grasp:")
+        print(decision.T_base_grasp)
+        return 0
+    print(decision, *(finding.message for finding in model.quality.findings), sep="\n  ", file=sys.stderr)
+    return 0 if decision == "done" else 1
 
 
 if __name__ == "__main__":

@@ -13,7 +13,13 @@ type Scan = {
   links: { self: string; model: string | null };
 };
 type Grasp = { chain: number; s_m: number; opening_m: number; T_base_grasp: number[][] };
-type Model = { grasps: Grasp[]; quality: { ambiguities: string[]; warnings: string[] } };
+type Finding = { code: string; severity: "note" | "doubt" | "blocking"; message: string };
+type Verdict = "accept" | "review" | "refuse";
+type Model = {
+  chains: { id: number; trust: Verdict }[];
+  grasps: Grasp[];
+  quality: { verdict: Verdict; findings: Finding[] };
+};
 
 const service = process.argv[2] ?? "http://127.0.0.1:8000";
 const token = process.env["POINTCHAIN_TOKEN"];
@@ -43,10 +49,11 @@ async function main(): Promise<number> {
     throw new Error(`scan ${scan.id} is ${scan.state}: ${scan.problem?.detail}`);
   }
   const model = await call<Model>("GET", scan.links.model);
-  const doubts = [...model.quality.ambiguities, ...model.quality.warnings];
-  const grasp = model.grasps[0];
-  if (scan.state !== "succeeded" || doubts.length > 0 || grasp === undefined) {
-    console.error([`scan ${scan.id} is ${scan.state}, no automatic grasp:`, ...doubts].join("\n  "));
+  const accepted = new Set(model.chains.filter((chain) => chain.trust === "accept").map((chain) => chain.id));
+  const grasp = model.grasps.find(({ chain }) => accepted.has(chain));
+  if (grasp === undefined) {
+    const messages = model.quality.findings.map(({ code, message }) => `${message} [${code}]`);
+    console.error([`verdict ${model.quality.verdict}, no automatic grasp:`, ...messages].join("\n  "));
     return 1;
   }
   await call("POST", "/api/cell/release"); // returns when the arm is home: from here on this program may move it

@@ -28,7 +28,7 @@ MARGIN_MM = 15.0
 
 
 def draw(model: Mapping[str, Any]) -> Figure:
-    """Return a figure of a model document (schema `pointchain/1`), seen from above."""
+    """Return a figure of a model document (schema `pointchain/2`), seen from above."""
     figure = Figure(figsize=(WIDTH_INCH, WIDTH_INCH), layout="constrained")
     axes = figure.add_subplot()
     axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title=title(model))
@@ -51,8 +51,8 @@ def title(model: Mapping[str, Any]) -> str:
     """Return the title: counts, method, and whether anything is uncertain."""
     quality = model["quality"]
     counts = f"method {model['method']}, chains: {len(model['chains'])}, crossings: {len(model['crossings'])}"
-    notes = len(quality["ambiguities"]) + len(quality["warnings"])
-    return f"{counts}\nambiguities and warnings: {notes}" if notes else counts
+    doubts = sorted({found["code"] for found in quality["findings"] if found["severity"] != "note"})
+    return f"{counts}\nverdict: {quality['verdict']}{': ' if doubts else ''}{', '.join(doubts)}"
 
 
 def add_chain(
@@ -77,7 +77,7 @@ def add_chain(
     axes.plot(*xy[0], "o", color="black", markersize=7)
     axes.annotate(str(chain["id"]), xy[0], xytext=(7, 7), textcoords="offset points", weight="bold")
     for end, place in zip(chain["ends"], xy[[0, -1]], strict=True):
-        if end == "unseen":
+        if end != "free":
             axes.plot(*place, "o", color="crimson", fillstyle="none", markersize=14)
     return drawn
 

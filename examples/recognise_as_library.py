@@ -60,8 +60,9 @@ def report(model: PointChainModel) -> None:
             f"crossing {crossing.id}: chain {over.chain} at {over.s_m * 1000:.0f} mm over chain {under.chain} at "
             f"{under.s_m * 1000:.0f} mm, {crossing.gap_m * 1000:.1f} mm apart, confidence {crossing.confidence:.2f}"
         )
-    for message in (*model.quality.ambiguities, *model.quality.warnings):
-        print(f"note: {message}")
+    print(f"verdict: {model.quality.verdict}")
+    for finding in model.quality.findings:
+        print(f"{finding.severity}: {finding.message} [{finding.code}]")
 
 
 def main() -> None:

@@ -68,4 +68,4 @@ class TopologyError(ValueError):
 
 
 class ModelError(ValueError):
-    """The document is not a model of schema `pointchain/1`, or it contradicts itself."""
+    """The document is not a model of schema `pointchain/2`, or it contradicts itself."""

@@ -7,19 +7,27 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
+from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, unobserved_end_findings
 from recognition.assembly.chains import assemble_fitted_chains
+from recognition.assembly.connections import connection_findings
 from recognition.assembly.crossings import find_crossings, find_fitted_crossings
-from recognition.assembly.sharp_bends import sharp_bend_messages
-from recognition.assembly.unexplained import find_unexplained_surface, unexplained_messages
+from recognition.assembly.sharp_bends import sharp_bend_findings
+from recognition.assembly.unexplained import (
+    find_unexplained_surface,
+    possible_object_findings,
+    unexplained_findings,
+)
+from recognition.assembly.view_findings import drift_findings, view_findings
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
+from recognition.grasping.trusted_grasps import select_trusted_grasps
+from recognition.model.findings import finding, most_serious_first
 from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters, check_settings
-from recognition.preprocessing.coverage import coverage_warnings
+from recognition.preprocessing.coverage import coverage_findings
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
 from recognition.radius_estimation import estimate_parameters
@@ -30,7 +38,7 @@ from recognition.shirakawa.enhanced_matching import EnhancedMatching
 from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
 from recognition.tracing.height_map import HeightMap
-from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
+from recognition.tracing.trace import TracedStrands, trace_strands
 from recognition.view_ingestion import IngestedViews, ingest_views
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
@@ -112,6 +120,7 @@ def recognise(
     on_stage: Callable[[str], None] | None = None,
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
+    all_grasps: bool = False,
 ) -> Recognition:
     """Recognise the strings in `views` and return their point chain model, with the results of each stage.
 
@@ -127,10 +136,11 @@ def recognise(
         gripper: Gripper for the grasps. None means the default gripper.
         settings: Parameter values by name. They replace the values in `parameters`, or the values for the measured
             radius. The measurement of the radius ignores `settings`.
+        all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
 
     Returns:
         The model, in metres and in the base frame, and the results of the stages. If the scene has no string, the model
-        has no chains and a warning with the reason.
+        has no chains and a finding with the reason.
 
     Raises:
         InvalidParametersError: The method is unknown, it does not use one of `settings`, or the values break a
@@ -159,10 +169,8 @@ def recognise(
     Source:
         Flowchart of Fig. 2. The method `graph` is not in the paper.
     """
-    if method not in METHODS:
-        raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
     settings = settings or {}
-    check_settings(settings, method)
+    _check_request(method, settings)
     scene = scene or Scene()
     timer = _StageTimer(on_stage)
 
@@ -196,12 +204,7 @@ def recognise(
         timer.begin("topology")
         assembly = assemble_fitted_chains(refinement, registration, height_map, scene, parameters)
         crossings = find_fitted_crossings(assembly.chains)
-        ambiguities = (
-            *crossings.ambiguities,
-            *pairing_messages(graph.pairing),
-            *sharp_bend_messages(assembly.chains),
-            *assembly.ambiguities,
-        )
+        connections = connection_findings(graph.pairing.ambiguous, assembly.chains)
     else:
         linked = link_segments(method, centre_line.points, parameters)
 
@@ -211,33 +214,39 @@ def recognise(
         timer.begin("topology")
         assembly = assemble_chains(strands, centre_line.unaveraged, registration.clouds, scene, parameters)
         crossings = find_crossings(assembly.strands, registration.points, parameters)
-        ambiguities = (*crossings.ambiguities, *sharp_bend_messages(assembly.chains))
+        connections = []
 
     unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
-    chains, fragment_ambiguities = mark_facing_ends(chains)
+    chains, touching = mark_touching_ends(chains)
+    findings = most_serious_first(
+        (
+            *crossings.findings,
+            *connections,
+            *sharp_bend_findings(chains),
+            *assembly.findings,
+            *possible_object_findings(unexplained, chains, parameters),
+            *touching,
+            *unobserved_end_findings(chains, scene, parameters),
+            *unexplained_findings(unexplained, parameters),
+            *drift_findings(registration, chains),
+            *view_findings(registration.views + ingested.excluded, ingested.targets[-1].view, chains),
+            *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
+        )
+    )
 
     timer.begin("grasps")
-    grasps, grasp_warnings = find_grasps(
-        chains, crossings.crossings, registration.points, scene, parameters, gripper or Gripper()
-    )
+    gripper = gripper or Gripper()
+    candidates = find_grasps(chains, crossings.crossings, registration.points, scene, parameters, gripper)
+    grasps = select_trusted_grasps(candidates, chains, crossings.crossings, findings, gripper, all_grasps)
     timer.end()
 
-    used = [view.index for view in registration.views if view.used]
     quality = Quality(
         views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
-        ambiguities=(*ambiguities, *fragment_ambiguities),
-        # Warnings about the strings come before warnings about the views.
-        warnings=(
-            *assembly.warnings,
-            *registration.warnings,
-            *coverage_warnings(ingested.targets, used, scene),
-            *unexplained_messages(unexplained),
-            *grasp_warnings,
-        ),
+        findings=most_serious_first((*findings, *grasps.findings)),
     )
     model = PointChainModel(
-        method, parameters, chains, tuple(crossings.crossings), quality, timer.timing_s, grasps=grasps
+        method, parameters, chains, tuple(crossings.crossings), quality, timer.timing_s, grasps=grasps.grasps
     )
     return Recognition(
         model=model,
@@ -254,6 +263,13 @@ def recognise(
     )
 
 
+def _check_request(method: str, settings: Mapping[str, float]) -> None:
+    """Raise InvalidParametersError if the method is unknown, or if it does not use one of the settings."""
+    if method not in METHODS:
+        raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
+    check_settings(settings, method)
+
+
 def _without_string(
     ingested: IngestedViews,
     reason: str,
@@ -262,6 +278,11 @@ def _without_string(
     scene: Scene,
     timing_s: dict[str, float],
 ) -> Recognition:
-    """Return a model without chains, with `reason` and the warning about table coverage."""
-    quality = Quality(ingested.excluded, warnings=(reason, *coverage_warnings(ingested.targets, (), scene)))
+    """Return a model without chains, with `reason` and the finding on table coverage."""
+    findings = (
+        finding("no-string-in-view", reason),
+        *view_findings(ingested.excluded, ingested.targets[-1].view, ()),
+        *coverage_findings(ingested.targets, (), scene),
+    )
+    quality = Quality(ingested.excluded, most_serious_first(findings))
     return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timing_s), ingested.targets)

@@ -69,7 +69,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     if len(clouds) < max(MIN_VIEWS, len(crowded)):
         raise next(iter(crowded.values()))
     excluded = selection.excluded + tuple(
-        ViewQuality(target.view, False, str(crowded[target.view]), len(target.points))
+        ViewQuality(target.view, False, str(crowded[target.view]), len(target.points), code="view-crowded")
         for target in selection.used
         if target.view in crowded
     )

@@ -15,7 +15,7 @@ def register_channel(writer: Writer, topic: str, message: Any) -> int:
         message: First message, a protobuf message or the bytes of a model, which determines the schema.
     """
     if isinstance(message, bytes):
-        schema = writer.register_schema("pointchain/1", "jsonschema", b'{"type": "object"}')
+        schema = writer.register_schema("pointchain/2", "jsonschema", b'{"type": "object"}')
         return writer.register_channel(topic, "json", schema)
     description = build_file_descriptor_set(type(message)).SerializeToString(deterministic=True)
     schema = writer.register_schema(message.DESCRIPTOR.full_name, "protobuf", description)

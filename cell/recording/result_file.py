@@ -22,7 +22,7 @@ def write_result_file(path: Path, model: Mapping[str, Any]) -> None:
 
     Args:
         path: File to create.
-        model: Document of schema `pointchain/1`.
+        model: Document of schema `pointchain/2`.
 
     Raises:
         OSError: The file exists, or cannot be written.

@@ -21,7 +21,7 @@ _START, _END = (0.12, 0.47, 0.71), (1.0, 0.73, 0.15)
 
 
 def scene_of_model(model: Mapping[str, Any], stamp: Timestamp) -> SceneUpdate:
-    """Return the scene of a model document of schema `pointchain/1`.
+    """Return the scene of a model document of schema `pointchain/2`.
 
     Each chain is a line of the string's thickness, coloured from its first to its last point. Each crossing is a sphere
     with a text.

@@ -168,7 +168,7 @@ class RecordingWriter:
         """Write a model as `/result/model`, and as a scene for viewers.
 
         Args:
-            model: Document of schema `pointchain/1`, as `PointChainModel.to_json` returns it.
+            model: Document of schema `pointchain/2`, as `PointChainModel.to_json` returns it.
 
         Raises:
             RecordingContentError: The model holds NaN, infinity, or a value that JSON does not have.

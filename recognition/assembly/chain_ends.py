@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 from recognition.geometry.polyline import end_direction
 from recognition.messages import format_position
 from recognition.model.chains import Chain
+from recognition.model.finding_types import FindingCode
+from recognition.model.findings import Finding, Which, finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.end_merging import MAX_FACING_COSINE
 
 DIRECTION_LENGTH_RADII = 2.0
@@ -23,12 +26,16 @@ MAX_FACING_GAP_RADII = 1.5
 
 Two whole strings that lie end to end have a larger gap because their ends are round, or they are recognised as one.
 """
+END_PART_RADII = 5.0
+"""Length of the part of a chain that a finding on its end concerns, in radii."""
+WHICH: tuple[Which, Which] = ("first", "last")
+"""Names of the ends of a chain, in the order of its points."""
 
 
 def mark_unobserved_ends(
     chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
-    """Mark an end as `unseen` if unexplained surface lies ahead of the end.
+    """Mark an end as `unobserved` if unexplained surface lies ahead of the end.
 
     The string may continue there, so its end was not observed. The continuation was perhaps too short or too poorly
     measured to be recognised.
@@ -47,8 +54,8 @@ def mark_unobserved_ends(
     return tuple(chain if chain.closed else _mark_ends(chain, rest, parameters) for chain in chains)
 
 
-def mark_facing_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[str]]:
-    """Mark two ends as `unseen` if they face each other within `MAX_FACING_GAP_RADII`.
+def mark_touching_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[Finding]]:
+    """Mark two ends as `touching` if they face each other within `MAX_FACING_GAP_RADII`.
 
     A wrong radius can split one string into two chains. In this case, pulling one chain also moves the other chain.
     The data do not show whether the two ends belong to one string or to two strings that lie end to end.
@@ -57,7 +64,7 @@ def mark_facing_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[s
         chains: Chains of the model.
 
     Returns:
-        The chains with the marked ends, and one message for each pair of ends.
+        The chains with the marked ends, and one finding on each of these ends.
     """
     ends = [(k, at) for k, chain in enumerate(chains) if not chain.closed for at in (0, 1)]
     points, directions = np.empty((len(ends), 3)), np.empty((len(ends), 3))
@@ -65,29 +72,73 @@ def mark_facing_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[s
         line = chains[k].points[:: -1 if at else 1]
         points[n], directions[n] = line[0], end_direction(line, DIRECTION_LENGTH_RADII * chains[k].radius_m)
     kinds = [list(chain.ends) for chain in chains]
-    ambiguities = []
+    findings = []
     for n, (k, at) in enumerate(ends):
         for m, (j, other) in enumerate(ends[:n]):
             max_gap = MAX_FACING_GAP_RADII * max(chains[k].radius_m, chains[j].radius_m)
-            if np.linalg.norm(points[n] - points[m]) < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE:
-                kinds[k][at] = kinds[j][other] = "unseen"
+            gap = float(np.linalg.norm(points[n] - points[m]))
+            if gap < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE:
+                kinds[k][at] = kinds[j][other] = "touching"
                 pair = f"an end of chain {j} and an end of chain {k}" if j != k else f"the ends of chain {k}"
                 position = format_position(points[n])
-                ambiguities.append(
-                    f"{pair} face each other at {position}: one string may continue there; check the radius"
-                )
-    return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), ambiguities
+                message = f"{pair} face each other at {position}: one string may continue there; check the radius"
+                findings += [
+                    _end_finding("ends-touching", message, chains[c], end, value=gap, limit=max_gap)
+                    for c, end in ((j, other), (k, at))
+                ]
+    return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), findings
+
+
+def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:
+    """Return a finding on each `unobserved` end: a note at the border of the workspace, otherwise a doubt.
+
+    Args:
+        chains: Chains of the model.
+        scene: Scene; uses the workspace.
+        parameters: Method parameters; uses the border margin r_f.
+    """
+    findings = []
+    for chain in chains:
+        for at in (0, 1):
+            if chain.ends[at] != "unobserved":
+                continue
+            point = chain.points[-at]
+            name = f"the {WHICH[at]} end of chain {chain.id} at {format_position(point)}"
+            if scene.is_near_border(point, parameters.r_f):
+                message = f"{name} is at the border of the workspace; the string may continue outside"
+                findings.append(_end_finding("end-at-border", message, chain, at))
+            else:
+                message = f"{name} was not observed; the string may continue there"
+                findings.append(_end_finding("end-unobserved", message, chain, at))
+    return findings
+
+
+def _end_finding(
+    code: FindingCode, message: str, chain: Chain, at: int, value: float | None = None, limit: float | None = None
+) -> Finding:
+    """Return a finding on the first (`at` 0) or last (`at` 1) end of a chain."""
+    length, part = chain.length_m, END_PART_RADII * chain.radius_m
+    return finding(
+        code,
+        message,
+        chains=(chain.id,),
+        end=WHICH[at],
+        s_range_m=(max(length - part, 0.0), length) if at else (0.0, min(part, length)),
+        point=chain.points[-at],
+        value=value,
+        limit=limit,
+    )
 
 
 def _mark_ends(chain: Chain, rest: NDArray[np.float64], parameters: ChainParameters) -> Chain:
-    """Mark each end of an open chain as `unseen` if unexplained surface `rest` (M, 3) lies ahead of the end."""
+    """Mark each end of an open chain as `unobserved` if unexplained surface `rest` (M, 3) lies ahead of the end."""
     first, last = chain.ends
     # Unexplained surface begins at twice this radius from the chain.
     r = max(chain.radius_m, parameters.r)
     if _continues(chain.points, rest, r):
-        first = "unseen"
+        first = "unobserved"
     if _continues(chain.points[::-1], rest, r):
-        last = "unseen"
+        last = "unobserved"
     return replace(chain, ends=(first, last))
 
 

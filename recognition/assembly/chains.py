@@ -7,17 +7,18 @@ import numpy as np
 from recognition.assembly.uncertainty import point_uncertainty
 from recognition.messages import format_position
 from recognition.model.chains import Chain, End
+from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
-from recognition.refinement.string_classifier import classify_strings, may_be_square
+from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings, max_squareness
 from recognition.registration.registration import Registration
 from recognition.tracing.height_map import HeightMap
 
 MAX_TABLE_GAP_RADII = 0.4
-"""Maximum gap between the table and a string, in radii of the string. A larger gap gives a warning."""
+"""Maximum gap between the table and a string, in radii of the string. A larger gap gives a finding."""
 MAX_THINNER_SHARE = 0.25
-"""Maximum share of r by which a string may be thinner than r. A thinner string gives an ambiguity.
+"""Maximum share of r by which a string may be thinner than r. A thinner string gives a doubt.
 
 Recognition mistakes parts of a thinner string for the table or for noise. It finds all of a thicker string.
 """
@@ -25,14 +26,12 @@ Recognition mistakes parts of a thinner string for the table or for noise. It fi
 
 @dataclass(frozen=True, eq=False)
 class ChainAssembly:
-    """The chains of a scene, and the messages about them."""
+    """The chains of a scene, and the findings on them."""
 
     chains: tuple[Chain, ...]
     """Chains in the order of their `id`."""
-    ambiguities: tuple[str, ...]
-    """Messages about chains that may not be strings, and about strings that may be incomplete."""
-    warnings: tuple[str, ...]
-    """Messages about excluded strands, and about chains that contradict the expected radius or the table height."""
+    findings: tuple[Finding, ...]
+    """Findings on excluded strands, and on chains that contradict the expected shape, radius or table height."""
 
 
 def assemble_fitted_chains(
@@ -48,56 +47,33 @@ def assemble_fitted_chains(
         parameters: Method parameters; uses the radius r and the border margin r_f.
 
     Returns:
-        The chains with sigmas, view counts and ends, and the messages about the chains and the excluded strands.
+        The chains with sigmas, view counts and ends, and the findings on the chains and the excluded strands.
     """
     classified = classify_strings(refinement, registration.points, parameters, scene.table_z_m)
-    ambiguities, warnings = list(classified.ambiguities), list(classified.warnings)
+    findings = list(classified.findings)
     if not classified.strings:
-        warnings.insert(
-            0,
+        message = (
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
-            "as thick; check the radius",
+            "as thick; check the radius"
         )
+        findings.insert(0, finding("no-string-found", message))
     chains: list[Chain] = []
     for number, strand in enumerate(classified.strings):
         sigma_m, views = point_uncertainty(strand, registration, refinement.scatter_m)
         ends = classify_ends(strand, height_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
-        if may_be_square(strand):
-            ambiguities.append(
-                f"chain {number} at {format_position(strand.points.mean(axis=0))} may be a bar with edges instead of a "
-                "string: the measured surface does not show whether it is round"
-            )
-        gap = float(np.percentile(strand.points[:, 2], RESTING_PERCENTILE)) - scene.table_z_m - strand.radius_m
-        if gap > MAX_TABLE_GAP_RADII * strand.radius_m:
-            warnings.append(
-                f"chain {number} lies {gap * 1000:.1f} mm above the table along nearly all its length: it rests on "
-                "something, or it is the edge of an object"
-            )
-        if strand.radius_m != parameters.r:  # The measured radius contradicts r.
-            message = (
-                f"chain {number} measures {strand.measured_radius_m * 1000:.1f} mm in radius, not the expected "
-                f"{parameters.r * 1000:.1f} mm"
-            )
-            if strand.measured_radius_m < (1 - MAX_THINNER_SHARE) * parameters.r:
-                ambiguities.append(
-                    f"{message}: parts and ends of thinner strings are missed; give the radius of the thinnest string"
-                )
-            elif strand.measured_radius_m < parameters.r:
-                warnings.append(
-                    f"{message}: thinner strings beside it may be missed; give the radius of the thinnest string"
-                )
-            else:
-                warnings.append(message)
-    return ChainAssembly(tuple(chains), tuple(ambiguities), tuple(warnings))
+        findings += _shape_findings(chains[-1], strand, scene.table_z_m) + _radius_findings(
+            chains[-1], strand, parameters
+        )
+    return ChainAssembly(tuple(chains), tuple(findings))
 
 
 def classify_ends(
     strand: FittedStrand, height_map: HeightMap, scene: Scene, parameters: ChainParameters
 ) -> tuple[End, End]:
-    """Classify the ends of a strand: `free` if the end of the string was observed, else `unseen`.
+    """Classify the ends of a strand: `free` if the end of the string was observed, else `unobserved`.
 
-    An end is `unseen` if it lies near the border of the workspace or if another strand lies over its continuation.
+    An end is `unobserved` if it lies near the border of the workspace or if another strand lies over its continuation.
 
     Args:
         strand: Fitted strand.
@@ -117,5 +93,50 @@ def classify_ends(
         outward /= max(float(np.linalg.norm(outward)), 1e-12)
         ahead = points[0] + np.linspace(0.3, 1.3, 5)[:, None] * parameters.r * outward
         hidden = height_map.occlusion(ahead, max(parameters.r, strand.radius_m)).is_occluded.mean() > 0.5
-        kinds.append("unseen" if hidden or scene.is_near_border(points[0], parameters.r_f) else "free")
+        kinds.append("unobserved" if hidden or scene.is_near_border(points[0], parameters.r_f) else "free")
     return kinds[0], kinds[1]
+
+
+def _shape_findings(chain: Chain, strand: FittedStrand, table_z_m: float) -> list[Finding]:
+    """Return the findings on a chain that may not be round, and on a chain that does not lie on the table."""
+    findings = []
+    squareness = max_squareness(strand)
+    if squareness > MAX_SQUARENESS:
+        centre = chain.points.mean(axis=0)
+        message = (
+            f"chain {chain.id} at {format_position(centre)} may be a bar with edges instead of a string: the measured "
+            "surface does not show whether it is round"
+        )
+        # Without a measurement, the squareness is unlimited. JSON has no infinity.
+        value = squareness if np.isfinite(squareness) else None
+        findings.append(
+            finding("possible-bar", message, chains=(chain.id,), point=centre, value=value, limit=MAX_SQUARENESS)
+        )
+    gap = float(np.percentile(chain.points[:, 2], RESTING_PERCENTILE)) - table_z_m - chain.radius_m
+    max_gap = MAX_TABLE_GAP_RADII * chain.radius_m
+    if gap > max_gap:
+        message = (
+            f"chain {chain.id} lies {gap * 1000:.1f} mm above the table along nearly all its length: it rests on "
+            "something, or it is the edge of an object"
+        )
+        findings.append(finding("above-table", message, chains=(chain.id,), value=gap, limit=max_gap))
+    return findings
+
+
+def _radius_findings(chain: Chain, strand: FittedStrand, parameters: ChainParameters) -> list[Finding]:
+    """Return the finding on a chain whose measured radius contradicts the radius r."""
+    if strand.radius_m == parameters.r:
+        return []
+    measured = strand.measured_radius_m
+    message = (
+        f"chain {chain.id} measures {measured * 1000:.1f} mm in radius, not the expected {parameters.r * 1000:.1f} mm"
+    )
+    if measured < (1 - MAX_THINNER_SHARE) * parameters.r:
+        code = "radius-much-smaller"
+        message += ": parts and ends of thinner strings are missed; give the radius of the thinnest string"
+    elif measured < parameters.r:
+        code = "radius-smaller"
+        message += ": thinner strings beside it may be missed; give the radius of the thinnest string"
+    else:
+        code = "radius-larger"
+    return [finding(code, message, chains=(chain.id,), value=measured, limit=parameters.r)]

@@ -16,6 +16,7 @@ from recognition.geometry.intersections import Intersection, find_intersections,
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.messages import format_position
 from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing, StrandPoint
+from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
@@ -39,12 +40,12 @@ MAX_UNDECIDED_CONFIDENCE = 0.6
 
 @dataclass(frozen=True, eq=False)
 class CrossingSet:
-    """All crossings of a scene, and the messages about uncertain crossings."""
+    """All crossings of a scene, and the findings on uncertain crossings."""
 
     crossings: tuple[Crossing, ...]
     """Crossings, sorted by strand and then by arc length. The `id` of a crossing is its index in this tuple."""
-    ambiguities: tuple[str, ...]
-    """One message for each crossing with a confidence below `MIN_CERTAIN_CONFIDENCE`."""
+    findings: tuple[Finding, ...]
+    """One finding for each crossing with a confidence below `MIN_CERTAIN_CONFIDENCE`."""
 
 
 def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], parameters: ChainParameters) -> CrossingSet:
@@ -59,18 +60,18 @@ def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], para
         parameters: Method parameters; uses the radius r.
 
     Returns:
-        The crossings, and messages about uncertain crossings. The confidence of a crossing follows from the height
+        The crossings, and findings on uncertain crossings. The confidence of a crossing follows from the height
         difference and `HEIGHT_SIGMA_M`.
     """
-    crossings, ambiguities = [], []
+    crossings, findings = [], []
     for number, intersection in enumerate(find_intersections(strands)):
         heights = np.array([_measure_height(strands, intersection, which, surface, parameters) for which in (0, 1)])
         gap = float(np.ptp(heights))
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
         crossings.append(_make_crossing(intersection, number, heights, confidence))
         if confidence < MIN_CERTAIN_CONFIDENCE:
-            ambiguities.append(_uncertain_crossing_message(crossings[-1], _height_difference_reason(gap)))
-    return CrossingSet(tuple(crossings), tuple(ambiguities))
+            findings.append(_uncertain_crossing(crossings[-1], is_contradicted=False))
+    return CrossingSet(tuple(crossings), tuple(findings))
 
 
 def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
@@ -84,9 +85,9 @@ def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
         chains: Fitted chains with `sigma_m` and `views`.
 
     Returns:
-        The crossings, and messages about uncertain crossings. Grazing contacts are excluded.
+        The crossings, and findings on uncertain crossings. Grazing contacts are excluded.
     """
-    crossings, ambiguities = [], []
+    crossings, findings = [], []
     for intersection in _remove_grazing_contacts(find_intersections(chains), chains):
         heights = np.array(intersection.heights_m)
         over = int(heights.argmax())
@@ -103,9 +104,8 @@ def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
             confidence = min(confidence, MAX_UNDECIDED_CONFIDENCE)
         crossings.append(_make_crossing(intersection, len(crossings), heights, confidence))
         if confidence < MIN_CERTAIN_CONFIDENCE:
-            reason = "the upper strand was not seen there" if contradicted else _height_difference_reason(gap)
-            ambiguities.append(_uncertain_crossing_message(crossings[-1], reason))
-    return CrossingSet(tuple(crossings), tuple(ambiguities))
+            findings.append(_uncertain_crossing(crossings[-1], contradicted))
+    return CrossingSet(tuple(crossings), tuple(findings))
 
 
 def _make_crossing(
@@ -132,13 +132,23 @@ def _make_crossing(
     )
 
 
-def _uncertain_crossing_message(crossing: Crossing, reason: str) -> str:
+def _uncertain_crossing(crossing: Crossing, is_contradicted: bool) -> Finding:
+    """Return the finding on a crossing with a low confidence. `is_contradicted`: by the views that saw its strands."""
+    if is_contradicted:
+        code, reason = "upper-strand-unseen", "the upper strand was not seen there"
+    else:
+        code = "crossing-undecided"
+        reason = f"the heights of the strands differ by only {crossing.gap_m * 1000:.1f} mm"
     position = format_position(crossing.point)
-    return f"crossing {crossing.id} at {position}: {reason}; which strand is over is not certain"
-
-
-def _height_difference_reason(gap_m: float) -> str:
-    return f"the heights of the strands differ by only {gap_m * 1000:.1f} mm"
+    return finding(
+        code,
+        f"crossing {crossing.id} at {position}: {reason}; which strand is over is not certain",
+        chains=sorted({crossing.over.chain, crossing.under.chain}),
+        crossing=crossing.id,
+        point=crossing.point,
+        value=crossing.confidence,
+        limit=MIN_CERTAIN_CONFIDENCE,
+    )
 
 
 def _measure_height(

@@ -7,13 +7,14 @@ import numpy as np
 from recognition.geometry.polyline import unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
+from recognition.model.findings import Finding, finding
 
 MAX_BEND_RAD = np.radians(75)
 """Maximum bend angle at a point of a string, radians. A larger angle needs a bend radius below about 1.5 radii."""
 
 
-def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
-    """Return a message for each chain that bends more sharply than a string can.
+def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
+    """Return a finding on each chain that bends more sharply than a string can.
 
     The bend angle at a point is the angle between two directions: over two radii before and two radii after the point.
     A chain with a bend above `MAX_BEND_RAD` may have taken the wrong strand there.
@@ -22,9 +23,10 @@ def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
         chains: Chains of the model. Chains shorter than four radii are not checked.
 
     Returns:
-        At most one message for each chain, with the position of its sharpest bend.
+        At most one finding for each chain, with the position of its sharpest bend. It concerns the part of the chain
+        from two radii before to two radii after the point.
     """
-    messages = []
+    findings = []
     for chain in chains:
         step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
         if len(chain.points) <= 2 * step:
@@ -33,8 +35,20 @@ def sharp_bend_messages(chains: Sequence[Chain]) -> list[str]:
         cosine = (directions[step:] * directions[:-step]).sum(axis=1)
         sharpest = int(cosine.argmin())
         if cosine[sharpest] < np.cos(MAX_BEND_RAD):
-            messages.append(
-                f"chain {chain.id} bends sharply at {format_position(chain.points[sharpest + step])}: "
-                "it may have taken the wrong strand at a crossing"
+            point, s = chain.points[sharpest + step], chain.arc_length_m
+            message = (
+                f"chain {chain.id} bends sharply at {format_position(point)}: it may have taken the wrong strand at a "
+                "crossing"
             )
-    return messages
+            findings.append(
+                finding(
+                    "sharp-bend",
+                    message,
+                    chains=(chain.id,),
+                    s_range_m=(s[sharpest], s[sharpest + 2 * step]),
+                    point=point,
+                    value=np.arccos(np.clip(cosine[sharpest], -1, 1)),
+                    limit=MAX_BEND_RAD,
+                )
+            )
+    return findings

@@ -5,6 +5,7 @@ the gripper may also be tilted about the string, or reach less deep.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M, ROUNDING_M,
 from recognition.grasping.gripper import Gripper, swept_distance
 from recognition.grasping.obstacles import ObjectPoints, Obstacles, gather_obstacles
 from recognition.model.chains import Chain, ChainInterpolator, Crossing, Grasp
+from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.fusion import VOXEL_RADII
@@ -26,6 +28,16 @@ APPROACH_OPTIONS = ((0.0, 1.0), (0.0, 0.5), (15.0, 1.0), (-15.0, 1.0), (30.0, 1.
 """Approach options in the order of trial: tilt about the string (degrees), reach beyond the centre line (radii)."""
 
 
+@dataclass(frozen=True)
+class GraspSet:
+    """Grasps on the chains of a scene, and the notes on chains without grasps."""
+
+    grasps: tuple[Grasp, ...]
+    """Grasps on all chains, the best first."""
+    findings: tuple[Finding, ...]
+    """One note on each chain without a grasp."""
+
+
 def find_grasps(
     chains: Sequence[Chain],
     crossings: Sequence[Crossing],
@@ -33,8 +45,8 @@ def find_grasps(
     scene: Scene,
     parameters: ChainParameters,
     gripper: Gripper,
-) -> tuple[tuple[Grasp, ...], list[str]]:
-    """Return grasps along all chains, the best first, and a warning for each chain without a grasp.
+) -> GraspSet:
+    """Return grasps along all chains, the best first, and a note on each chain without a grasp.
 
     A position along a chain is rejected for any of these reasons:
 
@@ -70,18 +82,20 @@ def find_grasps(
         gripper: Dimensions of the gripper.
 
     Returns:
-        The grasps in the base frame, and the warnings.
+        The grasps in the base frame, and the notes.
     """
     obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
     grasps: list[Grasp] = []
-    warnings = []
+    findings = []
     for chain in chains:
         candidates, reason = find_candidates(chain, crossings, parameters, gripper)
         found = [] if candidates is None else _best_grasps(chain, candidates, obstacles, scene.table_z_m, gripper)
         if not found:
-            warnings.append(f"chain {chain.id} cannot be grasped: {reason}")
+            message = f"chain {chain.id} cannot be grasped: {reason}"
+            findings.append(finding("no-grasp", message, chains=(chain.id,)))
         grasps += found
-    return tuple(sorted(grasps, key=lambda grasp: (-grasp.score, grasp.chain, grasp.s_m))), warnings
+    grasps.sort(key=lambda grasp: (-grasp.score, grasp.chain, grasp.s_m))
+    return GraspSet(tuple(grasps), tuple(findings))
 
 
 def _best_grasps(

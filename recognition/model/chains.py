@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length
 
-End = Literal["free", "unseen"]
-"""Kind of an end of a chain. `free`: the end of the string was observed. `unseen`: the string may continue there."""
+End = Literal["free", "unobserved", "touching"]
+"""Kind of an end of a chain.
+
+`free`: the end of the string was observed. `unobserved`: the end is hidden or outside the workspace, and the string may
+continue there. `touching`: the end touches another end, and one string may continue there.
+"""
 MIN_CERTAIN_CONFIDENCE = 0.9
 """Minimum confidence of a certain crossing. With less confidence, either strand may be the upper strand."""
 
@@ -32,7 +36,7 @@ class Chain:
     views: NDArray[np.int64]
     """(N,) number of views that saw the string at each point; 0 where no view did, for example under a crossing."""
     ends: tuple[End, End]
-    """Kinds of the first and the last end, `free` or `unseen`."""
+    """Kinds of the first and the last end."""
 
     @property
     def arc_length_m(self) -> NDArray[np.float64]:
@@ -101,6 +105,8 @@ class Grasp:
     """Minimum distance of the fingertips from the table, metres."""
     score: float
     """Quality of the grasp, from 0 to 1 (best)."""
+    trusted: bool = True
+    """Whether no doubt concerns the part of the string between the fingers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,26 +145,3 @@ class ChainInterpolator:
         """
         distance = np.abs(s - t)
         return np.minimum(distance, self.chain.length_m - distance) if self.chain.closed else distance
-
-
-def canonical_order(points: NDArray[np.float64], closed: bool) -> NDArray[np.intp]:
-    """Return the indices that bring the points of a chain into the canonical order.
-
-    The canonical order depends on the positions of the points only. An open chain begins at the end with the smaller x.
-    A closed chain begins at the point with the smallest x, and continues to the neighbour with the smaller x. If x is
-    equal, y decides, then z.
-
-    Args:
-        points: (N, 3) points of the chain, metres.
-        closed: Whether the last point connects to the first.
-
-    Returns:
-        (N,) indices into `points`.
-    """
-    count = len(points)
-    if not closed:
-        is_in_order = tuple(points[0]) <= tuple(points[-1])
-        return np.arange(count) if is_in_order else np.arange(count)[::-1]
-    first = int(np.lexsort(points.T[::-1])[0])
-    previous, following = points[(first - 1) % count], points[(first + 1) % count]
-    return (first + np.arange(count) * (1 if tuple(following) <= tuple(previous) else -1)) % count

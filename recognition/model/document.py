@@ -1,4 +1,4 @@
-"""The JSON document of a model, schema `pointchain/1`: the one definition for writing, reading and OpenAPI.
+"""The JSON document of a model, schema `pointchain/2`: the one definition for writing, reading and OpenAPI.
 
 Each class reads the fields of the dataclass that it describes. Positions and lengths are rounded to a micrometre.
 Documents may gain members, and readers must ignore the members that they do not know.
@@ -6,14 +6,17 @@ Documents may gain members, and readers must ignore the members that they do not
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.finding_types import FindingCode, Severity
+from recognition.model.findings import Finding, Which
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement
+from recognition.model.trust import ChainTrust, Interval, Verdict
 from recognition.parameters import ChainParameters
 
 WITHOUT_UNIT = ("rho_t", "R_t")
@@ -46,6 +49,17 @@ def _pose_rows(value: Any) -> Any:
     return T.tolist()
 
 
+def _round_each(values: Any) -> Any:
+    """Round each number of a sequence, and of the sequences in it, to a micrometre. None stays None."""
+    match values:
+        case list() | tuple():
+            return [_round_each(value) for value in values]
+        case float():
+            return round(values, 6)
+    return values
+
+
+ROUNDED_EACH = BeforeValidator(_round_each)
 Rounded = Annotated[float, _rounded(6)]
 """A number rounded to a micrometre, microradian or microsecond."""
 Share = Annotated[float, Field(ge=0, le=1), _rounded(4)]
@@ -83,7 +97,23 @@ class ChainDocument(_Document):
     views: Annotated[list[int], _rounded(0)]
     """Number of views that saw the string at each point. 0: the point is bridged."""
     ends: tuple[End, End]
-    """First and last end. `free`: the string was seen to end there."""
+    """First and last end. `free`: the string was seen to end there. `unobserved`: it may continue there. `touching`: it
+    touches another end, and one string may continue there."""
+    trust: Verdict
+    """Verdict on this chain. `accept`: act. `review`: act on the trusted parts only. `refuse`: do not act."""
+    trusted_m: Annotated[list[Interval], ROUNDED_EACH]
+    """Parts of the chain without a doubt, as arc lengths of their start and end, metres."""
+
+    @classmethod
+    def of(cls, chain: Chain, trust: ChainTrust) -> "ChainDocument":
+        """Return the document of a chain."""
+        derived = {
+            "length_m": chain.length_m,
+            "arc_length_m": chain.arc_length_m,
+            "trust": trust.verdict,
+            "trusted_m": trust.trusted_m,
+        }
+        return cls.model_validate({field.name: getattr(chain, field.name) for field in fields(chain)} | derived)
 
     def to_chain(self) -> Chain:
         """Return the chain with arrays.
@@ -137,6 +167,14 @@ class CrossingDocument(_Document):
     """Right-handed crossing sign. 1: the lower strand goes from right to left, seen along the upper one."""
     confidence: Share
     """Probability that over and under are right."""
+    trust: Verdict
+    """Verdict on this crossing. `review`: which strand is over, or how the strands continue, is not certain."""
+
+    @classmethod
+    def of(cls, crossing: Crossing, verdict: Verdict) -> "CrossingDocument":
+        """Return the document of a crossing."""
+        values = {field.name: getattr(crossing, field.name) for field in fields(crossing)}
+        return cls.model_validate(values | {"trust": verdict})
 
     def to_crossing(self) -> Crossing:
         """Return the crossing with arrays."""
@@ -225,6 +263,8 @@ class GraspDocument(_Document):
     score: Share
     """Quality of the grasp, 1 is best. It considers clearance, views, sigma, slope, and the distances from ends and
     crossings."""
+    trusted: bool
+    """False if a doubt concerns the string between the fingers. Such grasps are only listed on request."""
 
     def to_grasp(self) -> Grasp:
         """Return the grasp with arrays."""
@@ -240,6 +280,8 @@ class ViewQualityDocument(_Document):
     """Whether the view is part of the model."""
     reason: str | None
     """Why the view was excluded; null if it was used."""
+    code: FindingCode | None
+    """Code of the finding on the view; null if it was used."""
     points: int
     """Number of points above the height threshold."""
     fitness: float | None
@@ -256,26 +298,68 @@ class ViewQualityDocument(_Document):
         return ViewQuality(**self._values(ViewQuality))
 
 
+class FindingDocument(_Document):
+    """One statement about the model. Members that do not apply are absent."""
+
+    code: Annotated[str, Field(json_schema_extra={"enum": list(get_args(FindingCode))})]
+    """Machine-readable code. Later versions may add codes: decide by `severity` if a code is unknown."""
+    severity: Severity
+    """`note` changes nothing, `doubt` may be otherwise, and `blocking` must not be acted on."""
+    message: str
+    """Description for people. Its text may change."""
+    chains: tuple[int, ...] = ()
+    """Ids of the chains that the finding concerns. Absent: something outside all chains, or the whole model."""
+    crossing: int | None = None
+    """Id of the crossing that the finding concerns."""
+    end: Which | None = None
+    """End of the chain that the finding concerns."""
+    s_range_m: Annotated[Interval, ROUNDED_EACH] | None = None
+    """Part of the chain that the finding concerns, as arc lengths, metres. It may exceed the length of a ring."""
+    point_m: Annotated[Point, ROUNDED_EACH] | None = None
+    """Position, metres, base frame."""
+    view: int | None = None
+    """Index of the view that the finding concerns."""
+    value: Rounded | None = None
+    """Measured value that led to the finding. The code determines its meaning and unit."""
+    limit: Rounded | None = None
+    """Limit of the value, in the same unit."""
+
+    @model_serializer(mode="wrap")
+    def _omit_absent(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit the members that do not apply."""
+        return {name: value for name, value in serialise(self).items() if value not in (None, (), [])}
+
+    def to_finding(self) -> Finding:
+        """Return the finding."""
+        return Finding(**self._values(Finding))
+
+
+def finding_json(finding: Finding) -> dict[str, Any]:
+    """Return a finding as JSON values, in the form of the model document."""
+    return FindingDocument.model_validate(finding).model_dump(mode="json")
+
+
 class QualityDocument(_Document):
     """Whether the model can be trusted."""
 
+    verdict: Verdict
+    """Verdict on the whole model: `refuse` with a blocking finding on the whole model, `review` with another blocking
+    finding or a doubt, otherwise `accept`."""
+    findings: list[FindingDocument]
+    """What was excluded, what is uncertain, and what must not be used, the most serious first."""
     views: list[ViewQualityDocument]
     """One entry per view, by index."""
-    ambiguities: list[str]
-    """Messages about undecided results. The model may be wrong there."""
-    warnings: list[str]
-    """Messages about excluded data, and about data that contradict the given values."""
 
     def to_quality(self) -> Quality:
         """Return the quality of the model."""
         views = tuple(view.to_view_quality() for view in self.views)
-        return Quality(views, tuple(self.ambiguities), tuple(self.warnings))
+        return Quality(views, tuple(found.to_finding() for found in self.findings))
 
 
 class ModelDocument(_Document):
     """All strings of a scene as ordered point chains, with their crossings and grasps."""
 
-    schema_: Literal["pointchain/1"] = Field(alias="schema")
+    schema_: Literal["pointchain/2"] = Field(alias="schema")
     frame: Literal["base"]
     """The frame of all points and poses: the base of the robot."""
     method: str
@@ -283,7 +367,7 @@ class ModelDocument(_Document):
     parameters: dict[str, float]
     """Values of the method parameters. Each key is a symbol of the paper with a unit suffix, for example `r_m`."""
     chains: list[ChainDocument]
-    """The strings, the longest first."""
+    """The strings, in the order of `x + y / 2` of their means."""
     crossings: list[CrossingDocument]
     """All crossings of two strands."""
     topology: TopologyDocument

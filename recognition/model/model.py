@@ -1,19 +1,21 @@
 """The point chain model, the result of recognition. Metres, radians, seconds, base frame."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, Grasp
 from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data
+from recognition.model.trust import ChainTrust, Verdict, chain_trust, crossing_verdict
 from recognition.parameters import ChainParameters
 
-SCHEMA = "pointchain/1"
+SCHEMA = "pointchain/2"
 """Name and version of the JSON document."""
 Method = Literal["matching", "enhanced", "graph"]
 """Name of a method. `matching` and `enhanced` are the methods of the paper."""
+_Numbered = TypeVar("_Numbered", Chain, Crossing)
 METHODS: tuple[Method, ...] = ("matching", "enhanced", "graph")
 """All methods."""
 
@@ -31,11 +33,11 @@ class PointChainModel:
     parameters: ChainParameters
     """Parameters that were used."""
     chains: tuple[Chain, ...] = ()
-    """The strings, the longest first."""
+    """The strings, in the order of `x + y / 2` of their means (see `recognition.model.canonical_order`)."""
     crossings: tuple[Crossing, ...] = ()
     """All crossings, numbered from 0."""
     quality: Quality = field(default_factory=Quality)
-    """Views, ambiguities and warnings."""
+    """Verdict, findings and views."""
     timing_s: Mapping[str, float] = field(default_factory=dict)
     """Duration of each stage, seconds."""
     frame: str = "base"
@@ -44,7 +46,7 @@ class PointChainModel:
     """Grasps on all chains, the best first."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the model as a JSON document of schema `pointchain/1`.
+        """Return the model as a JSON document of schema `pointchain/2`.
 
         All numbers are finite. Positions and lengths are rounded to a micrometre.
 
@@ -53,7 +55,13 @@ class PointChainModel:
             TopologyError: The chains and the crossings contradict each other.
         """
         # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
-        from recognition.model.document import ModelDocument, p_data_document, parameters_document
+        from recognition.model.document import (
+            ChainDocument,
+            CrossingDocument,
+            ModelDocument,
+            p_data_document,
+            parameters_document,
+        )
 
         document = ModelDocument.model_validate(
             {
@@ -61,8 +69,8 @@ class PointChainModel:
                 "frame": self.frame,
                 "method": self.method,
                 "parameters": parameters_document(self.parameters),
-                "chains": self.chains,
-                "crossings": self.crossings,
+                "chains": [ChainDocument.of(chain, self.chain_trust(chain.id)) for chain in self.chains],
+                "crossings": [CrossingDocument.of(x, self.crossing_verdict(x.id)) for x in self.crossings],
                 "topology": {"gauss_code": self.gauss_code(), "p_data": p_data_document(self.p_data())},
                 "grasps": self.grasps,
                 "quality": self.quality,
@@ -75,6 +83,8 @@ class PointChainModel:
     def from_json(cls, document: Mapping[str, Any]) -> Self:
         """Return the model of a document that `to_json` returned, accurate to a micrometre.
 
+        A document of schema `pointchain/1` is converted. Its messages have no codes, so each of them becomes a doubt.
+
         Args:
             document: The document. Unknown members are ignored.
 
@@ -84,9 +94,10 @@ class PointChainModel:
         from pydantic import ValidationError
 
         from recognition.model.document import ModelDocument, parameters_from_document
+        from recognition.model.schema_1 import SCHEMA_1, convert
 
         try:
-            parsed = ModelDocument.model_validate(document)
+            parsed = ModelDocument.model_validate(convert(document) if document.get("schema") == SCHEMA_1 else document)
             model = cls(
                 method=cast(Method, parsed.method),
                 parameters=parameters_from_document(parsed.parameters),
@@ -112,6 +123,43 @@ class PointChainModel:
             raise ModelError(f"the model refers to chains that it does not have: {sorted(referred - known)}")
         return model
 
+    def chain_trust(self, chain: int) -> ChainTrust:
+        """Return the verdict on a chain, and its trusted parts.
+
+        Args:
+            chain: Id of the chain.
+
+        Raises:
+            KeyError: The model has no chain with this id.
+        """
+        return chain_trust(_with_id(self.chains, chain), self.crossings, self.quality.findings)
+
+    def crossing_verdict(self, crossing: int) -> Verdict:
+        """Return the verdict on a crossing.
+
+        Args:
+            crossing: Id of the crossing.
+
+        Raises:
+            KeyError: The model has no crossing with this id.
+        """
+        found = _with_id(self.crossings, crossing)
+        trusts = [self.chain_trust(position.chain) for position in (found.over, found.under)]
+        return crossing_verdict(found, trusts, self.quality.findings)
+
+    def trusted(self, chain: int, s_m: float | None = None) -> bool:
+        """Return whether a program may act on a chain, or on a position of a chain, without a person.
+
+        Args:
+            chain: Id of the chain.
+            s_m: Arc length of the position, metres. None: the verdict on the whole chain must be `accept`.
+
+        Raises:
+            KeyError: The model has no chain with this id.
+        """
+        trust = self.chain_trust(chain)
+        return trust.verdict == "accept" if s_m is None else trust.is_trusted(s_m)
+
     def gauss_code(self) -> list[list[list[Any]]]:
         """Return for each chain the crossings along it, in order: `[crossing id, "over" or "under", sign]`."""
         return gauss_code(self.chains, self.crossings)
@@ -119,3 +167,11 @@ class PointChainModel:
     def p_data(self) -> PData:
         """Return the ends, crossings and segments, and the matrix that says which follows which."""
         return p_data(self.chains, self.crossings)
+
+
+def _with_id(items: Sequence[_Numbered], number: int) -> _Numbered:
+    """Return the chain or the crossing with an id, or raise KeyError."""
+    for item in items:
+        if item.id == number:
+            return item
+    raise KeyError(f"the model has no item with the id {number}; it has {[item.id for item in items]}")

@@ -1,6 +1,20 @@
-"""Quality of a model: how each view was used, what could not be decided, and what looks wrong."""
+"""Quality of a model: how each view was used, the findings, and the verdict."""
 
 from dataclasses import dataclass
+
+from recognition.model.finding_types import FindingCode
+from recognition.model.findings import Finding
+from recognition.model.trust import Verdict, model_verdict
+
+
+@dataclass(frozen=True)
+class ExclusionReason:
+    """Why recognition does not use a view."""
+
+    code: FindingCode
+    """Code of the finding on the view."""
+    message: str
+    """Description for people."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +37,8 @@ class ViewQuality:
     """Translation of the centroid of the view by alignment to the table and registration, metres."""
     correction_rad: float | None = None
     """Rotation of the view by alignment to the table and registration, radians."""
+    code: FindingCode | None = None
+    """Code of the finding on an excluded view; None if the view was used."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +47,15 @@ class Quality:
 
     views: tuple[ViewQuality, ...] = ()
     """One entry per view, by index."""
-    ambiguities: tuple[str, ...] = ()
-    """Messages about undecided results, for example which strand of a crossing is over."""
-    warnings: tuple[str, ...] = ()
-    """Messages about excluded data and suspect values, for example a radius that differs from the given radius."""
+    findings: tuple[Finding, ...] = ()
+    """What was excluded, what is uncertain, and what must not be used, the most serious first."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict on the whole model: `accept`, `review` or `refuse`."""
+        return model_verdict(self.findings)
+
+    @property
+    def doubts(self) -> tuple[Finding, ...]:
+        """The findings that are not notes."""
+        return tuple(finding for finding in self.findings if finding.severity != "note")

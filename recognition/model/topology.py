@@ -34,7 +34,7 @@ class EndElement:
     s_m: float
     """Arc length of the end along the chain, metres."""
     end: End
-    """Kind of the end, `free` or `unseen`, as in `Chain.ends`."""
+    """Kind of the end, as in `Chain.ends`."""
 
 
 @dataclass(frozen=True)

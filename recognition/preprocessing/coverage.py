@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.model.findings import Finding, finding
 from recognition.preprocessing.target_cloud import Scene, TargetCloud
 from recognition.preprocessing.view_selection import MIN_POINTS, MIN_VIEWS
 
@@ -104,8 +105,8 @@ def coverage_message(coverage: Coverage) -> str | None:
     )
 
 
-def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[str]:
-    """Return the warning about the part of the table that fewer than `MIN_VIEWS` views of a scan show.
+def coverage_findings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[Finding]:
+    """Return the finding on the part of the table that fewer than `MIN_VIEWS` views of a scan show.
 
     Views that measured the table but no string are counted too, because they would have shown a string.
 
@@ -115,7 +116,7 @@ def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], sce
         scene: Table height and workspace.
 
     Returns:
-        One message, or none if the table is covered or the scene has no workspace.
+        One finding, or none if the table is covered or the scene has no workspace.
     """
     if scene.workspace_m is None:
         return []
@@ -126,8 +127,11 @@ def coverage_warnings(targets: Iterable[TargetCloud], used: Collection[int], sce
             height, width = target.image.depth.shape
             frustums.append(CameraFrustum(target.image.K, width, height, target.T_base_camera))
     x_m, y_m, _ = scene.workspace_m
-    message = coverage_message(table_coverage(frustums, x_m, y_m, scene.table_z_m))
-    return [] if message is None else [message]
+    coverage = table_coverage(frustums, x_m, y_m, scene.table_z_m)
+    message = coverage_message(coverage)
+    if message is None:
+        return []
+    return [finding("table-not-covered", message, value=1 - coverage.covered_share, limit=MIN_REPORTED_SHARE)]
 
 
 def _square_centres(extent_m: Interval) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedError
-from recognition.model.quality import ViewQuality
+from recognition.model.quality import ExclusionReason, ViewQuality
 from recognition.preprocessing.target_cloud import TargetCloud
 
 MIN_VIEWS = 2
@@ -48,13 +48,13 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
         )
     reasons = {target.view: exclusion_reason(target) for target in targets}
     excluded = tuple(
-        ViewQuality(target.view, False, reason, len(target.points))
+        ViewQuality(target.view, False, reason.message, len(target.points), code=reason.code)
         for target in targets
         if (reason := reasons[target.view]) is not None
     )
     measuring = [target for target in targets if target.n_in_workspace >= MIN_POINTS and not _is_sensor_stuck(target)]
     if not measuring:
-        details = "; ".join(f"view {view}: {reason}" for view, reason in reasons.items())
+        details = "; ".join(f"view {view}: {reason.message}" for view, reason in reasons.items() if reason is not None)
         raise NoDepthError(
             f"no view measured anything in the workspace ({details}). "
             "Check the camera, the table height and the workspace"
@@ -85,7 +85,7 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
     )
 
 
-def exclusion_reason(target: TargetCloud) -> str | None:
+def exclusion_reason(target: TargetCloud) -> ExclusionReason | None:
     """Return the reason why a view cannot be used, independent of the other views.
 
     Args:
@@ -95,13 +95,15 @@ def exclusion_reason(target: TargetCloud) -> str | None:
         The reason, or None if the view can be used.
     """
     if target.n_measured == 0:
-        return "no pixel has a depth"
+        return ExclusionReason("view-without-depth", "no pixel has a depth")
     if target.n_in_workspace < MIN_POINTS:
-        return "nothing measured in the workspace"
+        return ExclusionReason("view-outside-workspace", "nothing measured in the workspace")
     if _is_sensor_stuck(target):
-        return "every pixel has the same depth, and it is not the depth of the table: check the camera"
+        message = "every pixel has the same depth, and it is not the depth of the table: check the camera"
+        return ExclusionReason("view-stuck", message)
     if len(target.points) < MIN_POINTS:
-        return f"only {len(target.points)} points are higher above the table than the threshold z_t"
+        message = f"only {len(target.points)} points are higher above the table than the threshold z_t"
+        return ExclusionReason("view-without-string", message)
     return None
 
 

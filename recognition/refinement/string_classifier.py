@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.excluded_pieces import excluded_piece, shortened
 from recognition.geometry.polyline import arc_length, close_polyline
-from recognition.messages import format_position
-from recognition.model.chains import canonical_order
+from recognition.model.canonical_order import canonical_line, order_key
+from recognition.model.finding_types import FindingCode
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
 
@@ -42,8 +44,8 @@ up to 0.15.
 UNCERTAIN_SIGMAS = 2.0
 """Assumed maximum error of a measured squareness, in sigmas.
 
-A strand is excluded as a bar only if its squareness exceeds this number of sigmas. A string is reported as ambiguous if
-its squareness plus this number of sigmas exceeds `MAX_SQUARENESS`.
+A strand is excluded as a bar only if its squareness exceeds this number of sigmas. A string is a possible bar if its
+squareness plus this number of sigmas exceeds `MAX_SQUARENESS`.
 """
 MIN_HEIGHT_SHARE = 0.6
 """Minimum height of a string's centre line above the table, as a share of the radius of the strand.
@@ -53,7 +55,7 @@ the edge of a leaning plate.
 """
 HEIGHT_PERCENTILE = 15.0
 """Percentile of the centre line heights that must reach `MIN_HEIGHT_SHARE`. Heights at the ends are least accurate."""
-MIN_AMBIGUOUS_LENGTH_RADII = 40.0
+MIN_POSSIBLE_STRING_RADII = 40.0
 """Minimum length of a poorly supported strand that may still be a string, in radii r."""
 MIN_SUPPORTED_SHARE = 0.5
 """Minimum share of well-supported points (see `MIN_STRING_SUPPORT_SHARE`) in a string."""
@@ -63,14 +65,12 @@ MIN_STRING_SUPPORT_SHARE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class StringClassification:
-    """The strands that are strings, and the messages about the excluded strands."""
+    """The strands that are strings, and the findings on the excluded strands."""
 
     strings: tuple[FittedStrand, ...]
-    """Strings, the longest first. Their points are in the order of the model."""
-    ambiguities: tuple[str, ...]
-    """One message for each excluded strand that may be a string."""
-    warnings: tuple[str, ...]
-    """One message for each excluded strand that is not a string."""
+    """Strings and their points, in the order of the model."""
+    findings: tuple[Finding, ...]
+    """Findings on the excluded strands, the longest strand first."""
 
 
 def classify_strings(
@@ -88,42 +88,42 @@ def classify_strings(
         table_z_m: Height of the table, metres, base frame.
 
     Returns:
-        The strings and the messages about excluded strands, each in the order of decreasing length.
+        The strings in the order of the model, and the findings on the excluded strands.
     """
     strands = refinement.strands
     on_tube_shares = _on_tube_shares(refinement, surface, parameters.r)
     kept: list[int] = []
-    ambiguities, warnings = [], []
+    possible, excluded = [], []
     lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
         strand, length = strands[k], lengths[k]
         usual_support = float(np.median(strands[kept[0]].support)) if kept else 0.0
         is_supported = bool(np.mean(strand.support >= MIN_STRING_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE)
         is_round = _is_round(strand, parameters.r) and on_tube_shares[k] >= MIN_ON_TUBE_SHARE
+        code: FindingCode
         if length < MIN_LENGTH_RADII * parameters.r:
-            reason = "too short to be distinguished from noise"
+            code, reason = "piece-too-short", "too short to be distinguished from noise"
+        elif not is_supported and length >= MIN_POSSIBLE_STRING_RADII * parameters.r:
+            code, reason = "possible-string", "hardly seen, so it may be a string"
         elif not is_supported:
-            reason = "hardly seen"
+            code, reason = "piece-hardly-seen", "hardly seen"
         elif not is_round:
-            reason = "not round like a string"
+            code, reason = "piece-not-round", "not round like a string"
         elif _is_in_table(strand, table_z_m):
-            reason = "its tube would reach into the table"
+            code, reason = "piece-in-table", "its tube would reach into the table"
         else:
             kept.append(k)
             continue
-        message = (
-            f"excluded a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: {reason}"
+        (possible if code == "possible-string" else excluded).append(
+            excluded_piece(code, strand.points, length, reason)
         )
-        if length >= MIN_AMBIGUOUS_LENGTH_RADII * parameters.r and not is_supported:
-            ambiguities.append(f"{message}, so it may be a string")
-        else:
-            warnings.append(message)
-    return StringClassification(tuple(_orient(strands[k]) for k in kept), tuple(ambiguities), tuple(warnings))
+    strings = sorted((_orient(strands[k]) for k in kept), key=lambda string: order_key(string.points, string.closed))
+    return StringClassification(tuple(strings), (*possible, *shortened(excluded)))
 
 
-def may_be_square(strand: FittedStrand) -> bool:
-    """Return whether a string may be a square bar, given the uncertainty of its squareness."""
-    return strand.squareness + UNCERTAIN_SIGMAS * strand.squareness_sigma > MAX_SQUARENESS
+def max_squareness(strand: FittedStrand) -> float:
+    """Return the upper bound of the squareness of a strand, given its uncertainty. Infinite if it is not measured."""
+    return strand.squareness + UNCERTAIN_SIGMAS * strand.squareness_sigma
 
 
 def _is_round(strand: FittedStrand, r: float) -> bool:
@@ -156,6 +156,7 @@ def _on_tube_shares(refinement: Refinement, surface: NDArray[np.float64], r: flo
 
 
 def _orient(strand: FittedStrand) -> FittedStrand:
-    """Bring the points of a strand into the order of the model (see `canonical_order`)."""
-    order = canonical_order(strand.points, strand.closed)
-    return replace(strand, points=strand.points[order], bridged=strand.bridged[order], support=strand.support[order])
+    """Bring the points of a strand into the order of the model (see `canonical_line`)."""
+    line = canonical_line(strand.points, strand.closed)
+    bridged, support = strand.bridged[line.source], strand.support[line.source]
+    return replace(strand, points=line.points, bridged=bridged, support=support)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.errors import ContradictingViewsError
+from recognition.model.quality import ExclusionReason
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import anchor_points
@@ -43,7 +44,7 @@ MAX_CHECKED_POINTS = 600
 
 def find_inconsistent_views(
     clouds: Sequence[NormalCloud], robot_errors: NDArray[np.float64], parameters: ChainParameters
-) -> dict[int, str]:
+) -> dict[int, ExclusionReason]:
     """Return the views that contradict the other views, each with the reason.
 
     The most contradicting view is removed first, and the remaining views are then compared again. A single wrong view
@@ -63,16 +64,17 @@ def find_inconsistent_views(
     violations = free_space_violations(clouds, parameters)
     contradictions = np.maximum(violations, violations.T)
     kept = list(range(len(clouds)))
-    reasons: dict[int, str] = {}
+    reasons: dict[int, ExclusionReason] = {}
     while len(kept) > 1:
         among_kept = contradictions[np.ix_(kept, kept)]
         scores = np.array([_upper_median(np.delete(row, i)) for i, row in enumerate(among_kept)])
         if scores.max() <= MAX_FREE_SPACE_VIOLATION:
             break
         worst = int(np.where(scores > MAX_FREE_SPACE_VIOLATION, among_kept.sum(axis=1), -1.0).argmax())
-        reasons[clouds[kept[worst]].view] = (
+        reasons[clouds[kept[worst]].view] = ExclusionReason(
+            "view-contradicting",
             f"it contradicts the other views: {scores[worst]:.0%} of the surface in one view is free space in the "
-            "other; the pose, the frame or the string has changed"
+            "other; the pose, the frame or the string has changed",
         )
         del kept[worst]
     if len(kept) <= len(clouds) / 2:
@@ -86,14 +88,16 @@ def find_inconsistent_views(
     median_error = float(np.median(robot_errors[kept]))
     for k in kept if len(kept) > 2 else []:
         if robot_errors[k] > max(MAX_ROBOT_SIGMA, MAX_ROBOT_RATIO * median_error):
-            reasons[clouds[k].view] = (
+            reasons[clouds[k].view] = ExclusionReason(
+                "view-pose-error",
                 f"its pose would need a correction of {robot_errors[k]:.0f} sigma of the arm's accuracy (the other "
-                f"views: {median_error:.0f}): it was not captured at the pose that the arm reported"
+                f"views: {median_error:.0f}): it was not captured at the pose that the arm reported",
             )
     if len(clouds) - len(reasons) <= len(clouds) / 2:
         raise ContradictingViewsError(
             f"{len(reasons)} of {len(clouds)} views would have to be excluded, and no majority of the views agrees: "
-            f"{'; '.join(f'view {view}: {reason}' for view, reason in reasons.items())}; check the poses and the arm"
+            f"{'; '.join(f'view {view}: {reason.message}' for view, reason in reasons.items())}; check the poses and "
+            "the arm"
         )
     return reasons
 

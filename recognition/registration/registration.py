@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import transform_points
-from recognition.model.quality import ViewQuality
+from recognition.model.findings import Finding, finding
+from recognition.model.quality import ExclusionReason, ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.correspondences import Correspondences, find_correspondences
@@ -49,8 +50,8 @@ class Registration:
     covariance: NDArray[np.float64]
     """(6 V, 6 V) covariance of the remaining pose errors of `clouds`. Each view has a rotation (rad) about `centre`,
     then a translation (m)."""
-    warnings: tuple[str, ...] = ()
-    """Warnings about the calibration."""
+    hand_eye_drift: Finding | None = None
+    """Finding on a hand-eye error that is larger than a good calibration allows. It names no chains yet."""
     hand_eye_error: HandEyeErrorEstimate | None = None
     """Hand-eye error estimated from the views; None if the surfaces do not constrain the poses."""
 
@@ -95,7 +96,7 @@ def register(
     if reasons:
         correspondences = _exclude_views(correspondences, reasons)
         alignment, registered = _align(used, correspondences, centre, parameters, sigmas)
-    warnings = _drift_warnings(alignment.hand_eye_error, sigmas)
+    drift = _find_drift(alignment.hand_eye_error, sigmas)
 
     looser_sigmas = _loosen_sigmas(sigmas, alignment.robot_errors)
     if looser_sigmas is not None:
@@ -111,7 +112,7 @@ def register(
         views=tuple(sorted(qualities, key=lambda view: view.index)),
         centre=centre,
         covariance=alignment.covariance,
-        warnings=tuple(warnings),
+        hand_eye_drift=drift,
         hand_eye_error=estimate_hand_eye_error(alignment, sigmas),
     )
 
@@ -147,7 +148,9 @@ def _align(
     return alignment, [transform_cloud(cloud, T) for cloud, T in zip(clouds, corrections, strict=True)]
 
 
-def _exclude_views(correspondences: Sequence[Correspondences], reasons: Mapping[int, str]) -> list[Correspondences]:
+def _exclude_views(
+    correspondences: Sequence[Correspondences], reasons: Mapping[int, ExclusionReason]
+) -> list[Correspondences]:
     """Return the correspondences between views that are not excluded."""
     return [
         overlap
@@ -167,25 +170,26 @@ def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> Pos
     return replace(sigmas, **{name: ratio * value for name, value in asdict(sigmas).items()})
 
 
-def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, str]) -> list[ViewQuality]:
+def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, ExclusionReason]) -> list[ViewQuality]:
     """Return the quality of each excluded view, with its reason."""
     return [
-        ViewQuality(index=cloud.view, used=False, reason=reasons[cloud.view], points=len(cloud.points))
+        ViewQuality(cloud.view, False, reasons[cloud.view].message, len(cloud.points), code=reasons[cloud.view].code)
         for cloud in clouds
         if cloud.view in reasons
     ]
 
 
-def _drift_warnings(hand_eye_error: NDArray[np.float64], sigmas: PoseSigmas) -> list[str]:
-    """Return a warning if the hand-eye error (6,) is larger than a good calibration allows."""
+def _find_drift(hand_eye_error: NDArray[np.float64], sigmas: PoseSigmas) -> Finding | None:
+    """Return a finding if the hand-eye error (6,) is larger than a good calibration allows."""
     rotation, translation = hand_eye_error[:3], hand_eye_error[3:]
     length = float(
         np.hypot(np.linalg.norm(rotation) / sigmas.hand_eye_rad, np.linalg.norm(translation) / sigmas.hand_eye_m)
     )
     if length <= MAX_HAND_EYE_ERROR_SIGMA:
-        return []
-    return [
+        return None
+    message = (
         f"the calibration has drifted: the views agree best with the camera {np.linalg.norm(translation) * 1000:.1f} "
         f"mm and {np.degrees(np.linalg.norm(rotation)):.2f} degrees from its calibrated pose, {length:.0f} sigma of a "
         "good calibration; calibrate again"
-    ]
+    )
+    return finding("calibration-drift", message, value=length, limit=MAX_HAND_EYE_ERROR_SIGMA)

@@ -7,10 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.excluded_pieces import excluded_piece, shortened
 from recognition.geometry.neighbours import neighbourhood_means
 from recognition.geometry.polyline import arc_length, unit_vectors
-from recognition.messages import format_position
-from recognition.model.chains import Chain, canonical_order
+from recognition.model.canonical_order import canonical_line, order_key
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
@@ -28,9 +30,9 @@ class StrandAssembly:
     strands: Sequence[Strand]
     """The kept strands. `strands[k]` has the same points in the same order as `chains[k]`."""
     chains: tuple[Chain, ...]
-    """One chain for each kept strand, the longest first."""
-    warnings: Sequence[str]
-    """One message for each excluded strand. If no strand was kept, the first message says that no string was found."""
+    """One chain for each kept strand, in canonical order."""
+    findings: Sequence[Finding]
+    """Notes on the excluded strands. If no strand was kept, the first one says that no string was found."""
 
 
 def assemble_chains(
@@ -43,7 +45,7 @@ def assemble_chains(
     """Make the chains of the model from strands.
 
     Strands shorter than r_cn, the extent of an intersection, are excluded. Such short strands are remains of an
-    intersection, or noise. The longest chain comes first. The points of each chain are in canonical order.
+    intersection, or noise. The chains and the points of each chain are in canonical order.
 
     Args:
         strands: Strands of the scene.
@@ -53,27 +55,27 @@ def assemble_chains(
         parameters: Method parameters; uses r, r_n, r_f and r_cn.
 
     Returns:
-        The kept strands, their chains, and the warnings.
+        The kept strands, their chains, and the findings.
     """
-    kept, warnings = [], []
+    kept, excluded = [], []
     for strand in strands:
         length = float(arc_length(strand.points)[-1])
         if length >= parameters.r_cn:
             kept.append(_orient(strand))
         else:
-            warnings.append(
-                f"excluded a piece of {length * 1000:.0f} mm at {format_position(strand.points.mean(axis=0))}: "
-                "too short to be distinguished from noise"
-            )
-    kept.sort(key=lambda strand: -arc_length(strand.points)[-1])
+            reason = "too short to be distinguished from noise"
+            excluded.append(excluded_piece("piece-too-short", strand.points, length, reason))
+    kept.sort(key=lambda strand: order_key(strand.points, strand.closed))
+    excluded.sort(key=lambda piece: -piece.value)
+    findings = shortened(excluded)
     if not kept:
-        warnings.insert(0, "no string found: nothing above the table is long and thin")
+        findings.insert(0, finding("no-string-found", "no string found: nothing above the table is long and thin"))
     chains = []
     for number, strand in enumerate(kept):
         sigma_m, views = point_uncertainty(strand, clouds, parameters)
         ends = classify_ends(strand, unaveraged, scene, parameters)
         chains.append(Chain(number, strand.closed, parameters.r, strand.points, sigma_m, views, ends))
-    return StrandAssembly(kept, tuple(chains), warnings)
+    return StrandAssembly(kept, tuple(chains), findings)
 
 
 def point_uncertainty(
@@ -123,8 +125,8 @@ def point_uncertainty(
 
 def _orient(strand: Strand) -> Strand:
     """Return the strand with its points in the canonical order."""
-    order = canonical_order(strand.points, strand.closed)
-    return replace(strand, points=strand.points[order], bridged=strand.bridged[order])
+    line = canonical_line(strand.points, strand.closed)
+    return replace(strand, points=line.points, bridged=strand.bridged[line.source])
 
 
 def _find_hidden_points(

@@ -41,9 +41,9 @@ def extend_ends(
 def classify_ends(
     strand: Strand, unaveraged: NDArray[np.float64], scene: Scene, parameters: ChainParameters
 ) -> tuple[EndKind, EndKind]:
-    """Classify the ends of a strand: `free` if the end of the string was observed, else `unseen`.
+    """Classify the ends of a strand: `free` if the end of the string was observed, else `unobserved`.
 
-    An end is `unseen` if it lies near the border of the workspace, or if centre points continue ahead of the end.
+    An end is `unobserved` if it lies near the border of the workspace, or if centre points continue ahead of the end.
     Centre points continue, for example, if the string disappears under another strand and cannot be followed.
 
     Args:
@@ -81,10 +81,10 @@ def _extend(strand: Strand, unaveraged: NDArray[np.float64], parameters: ChainPa
 
 def _classify_end(end: End, unaveraged: NDArray[np.float64], scene: Scene, parameters: ChainParameters) -> EndKind:
     if scene.is_near_border(end.point, parameters.r_f):
-        return "unseen"
+        return "unobserved"
     ahead = _distances_ahead(unaveraged, end.point, end.direction, parameters)
     continues = ((ahead > parameters.r_n) & (ahead < parameters.r_cn)).any()
-    return "unseen" if continues else "free"
+    return "unobserved" if continues else "free"
 
 
 def _distances_ahead(

@@ -76,6 +76,16 @@ class FragmentEnds:
 
 
 @dataclass(frozen=True, eq=False)
+class AmbiguousPair:
+    """A pair of ends that was joined, although another solution costs hardly more."""
+
+    points: NDArray[np.float64]
+    """(2, 3) positions of the two ends, metres, base frame."""
+    margin: float
+    """Rise of the minimum total cost without this pair, in squared sigmas. It is below `MIN_CERTAIN_MARGIN`."""
+
+
+@dataclass(frozen=True, eq=False)
 class Pairing:
     """Pairs of fragment ends to join."""
 
@@ -83,8 +93,8 @@ class Pairing:
     """Ends of all open fragments."""
     pairs: list[tuple[int, int]]
     """Indices into `ends` of the two ends of each pair."""
-    ambiguous_points: list[NDArray[np.float64]]
-    """(3,) midpoint between the ends of each ambiguous pair (see `MIN_CERTAIN_MARGIN`), metres, base frame."""
+    ambiguous: list[AmbiguousPair]
+    """Pairs that may be wrong (see `MIN_CERTAIN_MARGIN`)."""
 
 
 def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: ChainParameters) -> Pairing:
@@ -102,7 +112,7 @@ def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: 
         parameters: Method parameters; uses the radius r.
 
     Returns:
-        The ends, the pairs, and the positions of ambiguous pairs.
+        The ends, the pairs, and the ambiguous pairs.
 
     Source:
         Generalises section III.E.2, eq. (8). Eq. (8) sums v_j . v_k over the two pairs of the four ends at one
@@ -118,9 +128,13 @@ def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: 
     has_gain = gain > 0
     a, b, gain = a[has_gain], b[has_gain], gain[has_gain]
     matched = maximum_weight_matching(a, b, gain)
-    ambiguous = matched[matching_margins(matched, a, b, gain) < MIN_CERTAIN_MARGIN]
-    ambiguous_points = list((ends.points[a[ambiguous]] + ends.points[b[ambiguous]]) / 2)
-    return Pairing(ends, list(zip(a[matched].tolist(), b[matched].tolist(), strict=True)), ambiguous_points)
+    margins = matching_margins(matched, a, b, gain)
+    ambiguous = [
+        AmbiguousPair(ends.points[[a[k], b[k]]], float(margin))
+        for k, margin in zip(matched, margins, strict=True)
+        if margin < MIN_CERTAIN_MARGIN
+    ]
+    return Pairing(ends, list(zip(a[matched].tolist(), b[matched].tolist(), strict=True)), ambiguous)
 
 
 def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.errors import TooCrowdedError
-from recognition.messages import format_position
 from recognition.parameters import ChainParameters
 from recognition.strand import End, Strand, join_strands
 from recognition.tracing.end_pairing import Pairing, pair_ends
@@ -72,12 +71,3 @@ def trace_strands(
         for number, fragment in enumerate(pairing.ends.fragment)
     ]
     return TracedStrands(nodes, fragments, pairing, join_strands(pieces, ends, pairing.pairs, parameters))
-
-
-def pairing_messages(pairing: Pairing) -> list[str]:
-    """Return one message for each ambiguous pair of ends."""
-    return [
-        f"at {format_position(point)} the strands may be connected differently: which ends belong together is not "
-        "certain"
-        for point in pairing.ambiguous_points
-    ]

@@ -117,7 +117,7 @@ def _print_changes(
     labels = {
         "lost": "model lost",
         "topology": "topology changed",
-        "ambiguities": "ambiguities changed",
+        "findings": "doubts changed",
         "radius": "radius changed",
         "moved": "lines moved",
         "error": "error changed",

@@ -90,8 +90,9 @@ def _write_parquet(path: Path, lines: Iterator[str]) -> None:
             pa.field("length_m", pa.float64()),
             pa.field("crossings", pa.int32()),
             pa.field("grasps", pa.int32()),
-            pa.field("ambiguities", pa.list_(pa.string())),
-            pa.field("warnings", pa.list_(pa.string())),
+            pa.field("verdict", pa.string()),
+            pa.field("doubts", pa.list_(pa.string())),
+            pa.field("notes", pa.list_(pa.string())),
             pa.field("document", pa.string()),
         ]
     )
@@ -113,8 +114,9 @@ def _row(line: str) -> dict[str, Any]:
         "length_m": sum(chain["length_m"] for chain in document["chains"]),
         "crossings": len(document["crossings"]),
         "grasps": len(document["grasps"]),
-        "ambiguities": document["quality"]["ambiguities"],
-        "warnings": [_utf8(warning) for warning in document["quality"]["warnings"]],
+        "verdict": document["quality"]["verdict"],
+        "doubts": [found["code"] for found in document["quality"]["findings"] if found["severity"] != "note"],
+        "notes": [found["code"] for found in document["quality"]["findings"] if found["severity"] == "note"],
     }
 
 

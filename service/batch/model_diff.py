@@ -1,6 +1,5 @@
 """Comparison of the models of one recording from two runs."""
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,16 +9,17 @@ import numpy as np
 
 from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 from cell.simulation.evaluation.metrics import score
+from recognition.model.schema_1 import SCHEMA_1, convert
 from service.batch.errors import BatchError
 
-Kind = Literal["lost", "topology", "ambiguities", "radius", "moved", "error", "gained", "same"]
+Kind = Literal["lost", "topology", "findings", "radius", "moved", "error", "gained", "same"]
 """Kinds of change, the most serious first.
 
 `lost`: there is no model any more. `topology`: other strings, another order of crossings, or over and under exchanged.
-`ambiguities`: other ambiguities. `radius`: another radius. `moved`: lines moved. `error`: another error. `gained`:
+`findings`: other doubts. `radius`: another radius. `moved`: lines moved. `error`: another error. `gained`:
 there was no model before. `same`: nothing changed.
 """
-KINDS: tuple[Kind, ...] = ("lost", "topology", "ambiguities", "radius", "moved", "error", "gained", "same")
+KINDS: tuple[Kind, ...] = ("lost", "topology", "findings", "radius", "moved", "error", "gained", "same")
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Change:
 
 
 def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], tolerance_m: float) -> Change:
-    """Compare two documents of schema `pointchain/1`, each a model or an error.
+    """Compare two documents, each a model or an error. A model of schema `pointchain/1` is converted.
 
     Args:
         recording: Name of the recording.
@@ -49,6 +49,7 @@ def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str
         BatchError: A document has another schema.
     """
     try:
+        before, after = (convert(model) if model.get("schema") == SCHEMA_1 else model for model in (before, after))
         if "error" in before or "error" in after:
             return _compare_errors(recording, before.get("error"), after.get("error"))
         if before["chains"] == after["chains"] and before["crossings"] == after["crossings"]:
@@ -57,12 +58,12 @@ def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str
         else:
             mean, worst = _line_distances(before, after)
             topology = _compare_topology(before, after)
-        ambiguities = _compare_ambiguities(before["quality"]["ambiguities"], after["quality"]["ambiguities"])
+        findings = _compare_findings(before["quality"]["findings"], after["quality"]["findings"])
         radius = _compare_radii(before["chains"], after["chains"], tolerance_m)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # ScoringError is a ValueError
-        raise BatchError(f"{recording}: one of the documents is not of schema pointchain/1: {error!r}") from error
+        raise BatchError(f"{recording}: one of the documents is not of schema pointchain/2: {error!r}") from error
     moved = "" if worst is None or worst <= tolerance_m else f"{_mm(worst)} at most, {_mm(mean)} on average"
-    found: dict[Kind, str] = {"topology": topology, "ambiguities": ambiguities, "radius": radius, "moved": moved}
+    found: dict[Kind, str] = {"topology": topology, "findings": findings, "radius": radius, "moved": moved}
     kinds: list[Kind] = [kind for kind, what in found.items() if what]
     return Change(
         recording, kinds[0] if kinds else "same", "; ".join(what for what in found.values() if what), mean, worst
@@ -135,12 +136,13 @@ def _as_truth(model: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _compare_ambiguities(before: Sequence[str], after: Sequence[str]) -> str:
-    """Return how the ambiguities differ, without the numbers in their text, which always change a little."""
-    if len(before) != len(after):
-        return f"{len(before)} ambiguities became {len(after)}"
-    old, new = (Counter(re.sub(r"[-\d.]+", "#", text) for text in texts) for texts in (before, after))
-    return f"{(new - old).total()} of {len(after)} ambiguities are different" if old != new else ""
+def _compare_findings(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]]) -> str:
+    """Return how the codes of the doubts and blocking findings differ. Notes do not count."""
+    old, new = (
+        Counter(str(found["code"]) for found in findings if found["severity"] != "note") for findings in (before, after)
+    )
+    changes = [f"{old[code]} {code} became {new[code]}" for code in sorted(old | new) if old[code] != new[code]]
+    return ", ".join(changes)
 
 
 def _compare_radii(before: Sequence[Mapping[str, Any]], after: Sequence[Mapping[str, Any]], tolerance_m: float) -> str:

@@ -32,9 +32,11 @@ class RecognitionRequest:
     version: str = field(default_factory=lambda: version("pointchain"))
     settings: Mapping[str, float] = field(default_factory=dict)
     """Parameter values by name, which replace those for the radius."""
+    all_grasps: bool = False
+    """Whether the model also has the grasps on parts of strings with a doubt."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the member `request` of a line, without `settings` if none are set.
+        """Return the member `request` of a line, without `settings` and `all_grasps` if they are not set.
 
         A radius that is NaN or infinite becomes text. Recognition rejects it.
         """
@@ -42,6 +44,8 @@ class RecognitionRequest:
         document = asdict(self) | {"radius_m": self.radius_m if is_json_number else str(self.radius_m)}
         if not self.settings:
             del document["settings"]
+        if not self.all_grasps:
+            del document["all_grasps"]
         return document
 
 
@@ -56,7 +60,7 @@ class RecordingLine:
     reason: str | None = None
     """Reason why there is no model. None: there is one."""
     notes: tuple[str, ...] = ()
-    """Messages about views that the model does not use."""
+    """Messages about the verdict, the doubts, and the views that the model does not use."""
 
 
 def recognise_file(
@@ -78,7 +82,13 @@ def recognise_file(
     path = Path(file) if path is None else path
     try:
         recognition = recognise_recording(
-            path, request.radius_m, request.method, on_stage, request.gripper, request.settings
+            path,
+            request.radius_m,
+            request.method,
+            on_stage,
+            request.gripper,
+            request.settings,
+            request.all_grasps,
         )
         line = replace(_line(file, request, recognition.model.to_json(), path), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:
@@ -96,8 +106,12 @@ def recognise_file(
 
 
 def _notes(model: PointChainModel) -> tuple[str, ...]:
-    """Return a message for each view that recognition excluded: nothing else on the command line shows it."""
-    return tuple(f"view {view.index} was not used: {view.reason}" for view in model.quality.views if not view.used)
+    """Return what people should know: the verdict if it is not `accept`, each doubt, and each excluded view."""
+    quality = model.quality
+    verdict = () if quality.verdict == "accept" else (f"verdict: {quality.verdict}",)
+    doubts = (f"{found.severity}: {found.message} [{found.code}]" for found in quality.doubts)
+    views = (found.message for found in quality.findings if found.view is not None and found.severity == "note")
+    return (*verdict, *doubts, *views)
 
 
 def failed_line(file: str, request: RecognitionRequest, slug: str, reason: str, path: Path) -> RecordingLine:

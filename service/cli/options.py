@@ -43,6 +43,13 @@ def add_method_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
 
 
+def add_all_grasps_option(parser: argparse.ArgumentParser) -> None:
+    """Add --all-grasps."""
+    parser.add_argument(
+        "--all-grasps", action="store_true", help="also list the grasps on parts of strings with a doubt"
+    )
+
+
 def whole_number(low: int, high: int, unit: str) -> Callable[[str], int]:
     """Return the type of an option that takes a whole number.
 

@@ -51,7 +51,7 @@ class Client:
         >>> def plan(cell: Client) -> None:
         ...     scan = cell.scan(string_radius_m=0.0042, on_progress=print)
         ...     model = cell.model(scan)
-        ...     if model.grasps and not (model.quality.ambiguities or model.quality.warnings):
+        ...     if model.grasps and model.trusted(model.grasps[0].chain):
         ...         cell.release()  # the arm is home, and your program may move it
         ...         print(model.grasps[0].T_base_grasp)  # (4, 4), base frame
         >>> with Client("http://127.0.0.1:8000", token=None) as cell:
@@ -91,6 +91,7 @@ class Client:
         string_radius_m: float | None = None,
         method: Method = "graph",
         views: int | None = None,
+        all_grasps: bool = False,
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
@@ -102,6 +103,7 @@ class Client:
             string_radius_m: Radius of the string, metres. None: the radius of the cell's configuration, or measured.
             method: Recognition method.
             views: Number of viewpoints. None: as configured.
+            all_grasps: Whether the model also has the grasps on parts of strings with a doubt.
             on_progress: Called with each change of the scan.
             timeout_s: Time limit, seconds. None: no limit.
 
@@ -115,7 +117,13 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        request = {"mode": "live", "string_radius_m": string_radius_m, "method": method, "views": views}
+        request = {
+            "mode": "live",
+            "string_radius_m": string_radius_m,
+            "method": method,
+            "views": views,
+            "all_grasps": all_grasps,
+        }
         return self.wait(self.start(request), on_progress, timeout_s)
 
     def replay(
@@ -123,6 +131,7 @@ class Client:
         recording: str | os.PathLike[str],
         string_radius_m: float | None = None,
         method: Method = "graph",
+        all_grasps: bool = False,
         on_progress: Callable[[ScanProgress], None] | None = None,
         timeout_s: float | None = None,
     ) -> ScanResource:
@@ -133,6 +142,7 @@ class Client:
                 path is a `pathlib.Path` or another `os.PathLike`; a `str` is always an id.
             string_radius_m: Radius of the string, metres. None: the radius in the recording, or measured.
             method: Recognition method.
+            all_grasps: Whether the model also has the grasps on parts of strings with a doubt.
             on_progress: Called with each change of the scan.
             timeout_s: Time limit, seconds. None: no limit.
 
@@ -150,7 +160,13 @@ class Client:
         recording_id = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
         if not re.fullmatch(ID_PATTERN, recording_id):
             raise ValueError(f"{recording_id!r} is not the id of a recording; pass a file as Path({recording_id!r})")
-        request = {"mode": "replay", "recording": recording_id, "string_radius_m": string_radius_m, "method": method}
+        request = {
+            "mode": "replay",
+            "recording": recording_id,
+            "string_radius_m": string_radius_m,
+            "method": method,
+            "all_grasps": all_grasps,
+        }
         return self.wait(self.start(request), on_progress, timeout_s)
 
     def start(self, request: Mapping[str, Any], key: str | None = None) -> ScanResource:
@@ -264,12 +280,14 @@ class Client:
     def model(self, scan: ScanResource | str) -> PointChainModel:
         """Return the model of a scan as arrays.
 
+        A scan of an earlier release may have a model of schema `pointchain/1`. Each of its messages becomes a doubt.
+
         Args:
             scan: The scan, or its id.
 
         Raises:
             ScanFailedError: The scan has no model.
-            ModelError: The document is not a model of schema `pointchain/1`.
+            ModelError: The document is not a model of a known schema.
             ProblemError: The service refused the request.
             UnreachableError: The service cannot be reached.
         """

@@ -22,6 +22,7 @@ def recognition_inputs(
         "method": task.method,
         "string_radius_m": task.radius_m,
         "gripper": vars(task.gripper),
+        "all_grasps": task.all_grasps,
         "software": version("pointchain"),
         "recording_sha256": recording_sha256,
         "views": None if views is None else [_view(view) for view in views if view.state == "recorded"],

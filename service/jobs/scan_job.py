@@ -130,6 +130,7 @@ class ScanWork:
         try:
             if result is not None:
                 self._metrics.observe_recognition(result.timing_s, result.views)
+                self._metrics.observe_findings(result.verdict, result.findings)
             if result is not None and stored:
                 self._keep_calibration_error(job.row, result)
         finally:
@@ -152,7 +153,17 @@ class ScanWork:
 
     def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
-        return Task(source, scan.string_radius_m, scan.method, self._gripper, results, preview, tuple(missing), scan.id)
+        return Task(
+            source,
+            scan.string_radius_m,
+            scan.method,
+            self._gripper,
+            results,
+            preview,
+            tuple(missing),
+            scan.all_grasps,
+            scan.id,
+        )
 
     def _on_stage(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:

@@ -51,6 +51,7 @@ class Submissions:
         radius_m: float | None,
         requester: Requester = NOBODY,
         source: str | None = None,
+        all_grasps: bool = False,
     ) -> ScanRow:
         """Accept a scan of a recording.
 
@@ -60,12 +61,15 @@ class Submissions:
             radius_m: String radius, metres; None to measure it.
             requester: Who requests the scan.
             source: Id of the scan that is reprocessed.
+            all_grasps: Whether the model also has the grasps on parts with a doubt.
 
         Raises:
             sqlite3.IntegrityError: The recording was removed a moment ago.
         """
         with self._lock.reserved():
-            scan = new_scan("replay", method, radius_m, requester, recording=recording.id, source=source)
+            scan = new_scan(
+                "replay", method, radius_m, requester, recording=recording.id, source=source, all_grasps=all_grasps
+            )
             with self._lock.accepting(Job(scan, None), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
             return scan
@@ -77,6 +81,7 @@ class Submissions:
         radius_m: float | None,
         requested_at: float,
         requester: Requester = NOBODY,
+        all_grasps: bool = False,
     ) -> ScanRow:
         """Accept a live scan, after the cell has planned it. Takes seconds if the cell has to connect first.
 
@@ -86,10 +91,12 @@ class Submissions:
             radius_m: String radius, metres; None to measure it.
             requested_at: Time of the request, monotonic seconds. The scan is refused if the arm was stopped since.
             requester: Who requests the scan.
+            all_grasps: Whether the model also has the grasps on parts with a doubt.
         """
         with self._lock.reserved():
             prepared = self._cell.prepare_scan(views, requested_at)
-            scan = new_scan("live", method, radius_m, requester, calibration_sha256=prepared.hand_eye.sha256)
+            sha256 = prepared.hand_eye.sha256
+            scan = new_scan("live", method, radius_m, requester, calibration_sha256=sha256, all_grasps=all_grasps)
             with self._lock.accepting(Job(scan, prepared), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
             return scan
@@ -122,6 +129,7 @@ def new_scan(
     recording: str | None = None,
     source: str | None = None,
     calibration_sha256: str | None = None,
+    all_grasps: bool = False,
 ) -> ScanRow:
     """Return the row of a scan that is accepted now.
 
@@ -133,6 +141,7 @@ def new_scan(
         recording: Id of the recording of a replay.
         source: Id of the scan that is reprocessed.
         calibration_sha256: Hash of the calibration with which a live scan was planned.
+        all_grasps: Whether the model also has the grasps on parts with a doubt.
     """
     return ScanRow(
         id=new_id(),
@@ -151,6 +160,7 @@ def new_scan(
         source=source,
         requested_by=requester.name,
         calibration_sha256=calibration_sha256,
+        all_grasps=all_grasps,
     )
 
 

@@ -5,6 +5,9 @@ from typing import Literal, get_args
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
 
+from recognition.model.finding_types import FINDING_TYPES
+from recognition.model.findings import Finding
+from recognition.model.trust import Verdict
 from service.processing.results import STAGE_START_FRACTION
 from service.processing.view_outcomes import ViewOutcome
 
@@ -51,6 +54,13 @@ class ScanMetrics:
             ("result",),
             registry=registry,
         )
+        self._findings = Counter(
+            "pointchain_findings",
+            "Findings of the models, by code and severity",
+            ("code", "severity"),
+            registry=registry,
+        )
+        self._verdicts = Counter("pointchain_verdicts", "Models by their verdict", ("verdict",), registry=registry)
         self._failures = Counter("pointchain_view_failures", "Views that were not used", ("reason",), registry=registry)
         self._stops = Histogram(
             "pointchain_stop_seconds",
@@ -78,6 +88,10 @@ class ScanMetrics:
             self._views.labels(result)
         for reason in get_args(ViewFailure):
             self._failures.labels(reason)
+        for code, finding_type in FINDING_TYPES.items():
+            self._findings.labels(code, finding_type.severity)
+        for verdict in get_args(Verdict):
+            self._verdicts.labels(verdict)
 
     def observe_scan(self, mode: Mode, outcome: str, seconds: float) -> None:
         """Count a scan in its final state. Its duration is recorded only if it has a result."""
@@ -102,6 +116,12 @@ class ScanMetrics:
                 self._corrections_m.observe(view.correction_m)
             if view.correction_rad is not None:
                 self._corrections_rad.observe(view.correction_rad)
+
+    def observe_findings(self, verdict: Verdict, findings: Sequence[Finding]) -> None:
+        """Count the verdict and the findings of a model."""
+        self._verdicts.labels(verdict).inc()
+        for finding in findings:
+            self._findings.labels(finding.code, finding.severity).inc()
 
     def count_recorded_view(self) -> None:
         """Count a view of a live scan that is on the disk."""

@@ -14,7 +14,10 @@ from calibration.atomic_write import write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
 from recognition.grasping.gripper import Gripper
+from recognition.model.document import finding_json
+from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import Method, PointChainModel
+from recognition.model.trust import Verdict
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
@@ -43,6 +46,9 @@ STAGE_START_FRACTION = {
 }
 """Fraction of the total time that has passed when a stage begins, measured on scans of eight views."""
 
+MAX_SUMMARY_DOUBTS = 20
+"""Maximum number of doubts in the summary of a scan. The model has all of them."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -52,8 +58,10 @@ class Outcome:
     """Number of chains."""
     crossings: int
     """Number of crossings."""
-    warnings: tuple[str, ...]
-    """Warnings of the model."""
+    verdict: Verdict
+    """Verdict on the whole model."""
+    findings: tuple[Finding, ...]
+    """All findings of the model, the most serious first."""
     partial: bool
     """True if views are missing or were excluded."""
     calibration_error: HandEyeErrorEstimate | None = None
@@ -67,10 +75,14 @@ class Outcome:
 
     def summary(self) -> dict[str, Any]:
         """Return what is stored in the row of the scan, as JSON values."""
+        doubts = [found for found in self.findings if found.severity != "note"]
         return {
             "chains": self.chains,
             "crossings": self.crossings,
-            "warnings": list(self.warnings),
+            "verdict": self.verdict,
+            "doubts": [finding_json(found) for found in doubts[:MAX_SUMMARY_DOUBTS]],
+            "doubt_count": len(doubts),
+            "note_count": len(self.findings) - len(doubts),
             "partial": self.partial,
         }
 
@@ -99,8 +111,9 @@ def recognise_recording(
     on_stage: OnStage | None = None,
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
+    all_grasps: bool = False,
 ) -> Recognition:
-    """Recognise a recording. The warnings of the model list what is missing from the file.
+    """Recognise a recording. The findings of the model list what is missing from the file.
 
     Args:
         path: The recording.
@@ -109,6 +122,7 @@ def recognise_recording(
         on_stage: Called with the name of each stage when it begins.
         gripper: Gripper for which grasps are planned. None: the default gripper.
         settings: Parameter values by name. They replace the values that follow from the radius.
+        all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
 
     Raises:
         RecordingError: The file cannot be used.
@@ -119,41 +133,56 @@ def recognise_recording(
     recording = read_recording(path)
     radius = check_radius(radius_m, recording.header.string_radius_m)
     return recognise_views(
-        recording.views, recording.header, recording.missing, radius, method, on_stage, gripper, settings
+        recording.views,
+        recording.header,
+        incomplete_findings(recording.missing),
+        radius,
+        method,
+        on_stage,
+        gripper,
+        settings,
+        all_grasps,
     )
 
 
 def recognise_views(
     views: Iterable[View],
     header: RecordingHeader,
-    missing: Sequence[str],
+    missing: Sequence[Finding],
     radius_m: float | None,
     method: Method = "graph",
     on_stage: OnStage | None = None,
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
+    all_grasps: bool = False,
 ) -> Recognition:
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
     Args:
         views: The views.
         header: Header of the recording.
-        missing: Messages about missing views. They become warnings of the model, and are read after the last view.
+        missing: Findings on missing views. They become findings of the model, and are read after the last view.
         radius_m: String radius, metres. None: it is measured.
         method: Recognition method.
         on_stage: Called with the name of each stage when it begins.
         gripper: Gripper for which grasps are planned. None: the default gripper.
         settings: Parameter values by name. They replace the values that follow from the radius.
+        all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
 
     Raises:
         RecognitionError: The radius or the views cannot be used.
     """
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
-    recognition = recognise(views, parameters, scene, method, on_stage, gripper, settings)
+    recognition = recognise(views, parameters, scene, method, on_stage, gripper, settings, all_grasps)
     model = recognition.model
-    quality = replace(model.quality, warnings=(*missing, *model.quality.warnings))
+    quality = replace(model.quality, findings=most_serious_first((*missing, *model.quality.findings)))
     return replace(recognition, model=replace(model, quality=quality))
+
+
+def incomplete_findings(missing: Iterable[str]) -> list[Finding]:
+    """Return a note for each message about what is missing from a recording."""
+    return [finding("recording-incomplete", message) for message in missing]
 
 
 def write_results(recognition: Recognition, folder: Path) -> Outcome:
@@ -166,7 +195,8 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
     return Outcome(
         len(model.chains),
         len(model.crossings),
-        model.quality.warnings,
+        model.quality.verdict,
+        model.quality.findings,
         _has_excluded_views(model),
         None if recognition.registration is None else recognition.registration.hand_eye_error,
         {name: _hash_and_size(content) for name, content in contents.items()},

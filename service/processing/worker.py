@@ -173,7 +173,7 @@ class RecognitionWorker:
         if not isinstance(task.source, Path):
             for view in self._cancel_on_error(views):
                 self._send(view, timeout_s)
-            self._send(EndOfViews(tuple(view.message for view in missing)), timeout_s)
+            self._send(EndOfViews(tuple(missing)), timeout_s)
         deadline = time.monotonic() + timeout_s
         while True:
             message = self._receive(deadline)

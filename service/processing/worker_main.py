@@ -4,26 +4,36 @@ import logging
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
 
+from cell.control.progress import MissingView
 from cell.devices import View
 from cell.process.logging import LoggingSetup
 from cell.process.python_process import exit_with_parent
 from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
+from recognition.model.findings import Finding, finding
 from recognition.model.model import Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS, Failure
 from service.logs.setup import scan_log_context
 from service.processing.preview import draw_preview
-from service.processing.results import READING, WRITING, OnStage, recognise_views, write_preview, write_results
+from service.processing.results import (
+    READING,
+    WRITING,
+    OnStage,
+    incomplete_findings,
+    recognise_views,
+    write_preview,
+    write_results,
+)
 from service.storage.storage_errors import is_full
 
 log = logging.getLogger(__name__)
@@ -52,6 +62,8 @@ class Task:
     """File for the preview. The process writes it after it has sent the outcome."""
     missing: tuple[str, ...] = ()
     """Messages about what is known to be missing from a recording, even if its file does not show it."""
+    all_grasps: bool = False
+    """Whether the model also has the grasps on parts of chains with a doubt."""
     scan: str | None = None
     """Id of the scan, for the log."""
 
@@ -60,8 +72,8 @@ class Task:
 class EndOfViews:
     """Message to the process: no more views follow."""
 
-    missing: tuple[str, ...]
-    """Messages about the missing views, each with the reason."""
+    missing: tuple[MissingView, ...]
+    """The missing views, each with the reason."""
 
 
 @dataclass(frozen=True)
@@ -163,10 +175,9 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
     if isinstance(task.source, Path):
         on_stage(READING)
         recording = read_recording(task.source)
-        known = tuple(dict.fromkeys((*task.missing, *recording.missing)))
-        views, header = recording.views, recording.header
-        return recognise_views(views, header, known, task.radius_m, task.method, on_stage, task.gripper)
-    missing: list[str] = []
+        missing = incomplete_findings(dict.fromkeys((*task.missing, *recording.missing)))
+        return _recognise_views(task, recording.views, recording.header, missing, on_stage)
+    missing = []
 
     def receive_views() -> Iterator[View]:
         while isinstance(message := pipe.recv(), View):
@@ -174,9 +185,17 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
         if isinstance(message, Cancelled):
             raise TaskCancelledError
         assert isinstance(message, EndOfViews)
-        missing.extend(message.missing)
+        missing.extend(finding("view-missing", view.message, view=view.index) for view in message.missing)
 
-    return recognise_views(receive_views(), task.source, missing, task.radius_m, task.method, on_stage, task.gripper)
+    return _recognise_views(task, receive_views(), task.source, missing, on_stage)
+
+
+def _recognise_views(
+    task: Task, views: Iterable[View], header: RecordingHeader, missing: Sequence[Finding], on_stage: OnStage
+) -> Recognition:
+    return recognise_views(
+        views, header, missing, task.radius_m, task.method, on_stage, task.gripper, all_grasps=task.all_grasps
+    )
 
 
 def _warm_up_drawing() -> None:

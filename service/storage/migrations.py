@@ -128,10 +128,32 @@ UPDATE calibrations SET result = replace(result, '"side":', '"convention":');
 UPDATE calibrations SET result = replace(result, '"K_told":', '"K_given":');
 UPDATE calibrations SET result = replace(result, '"schema_version": 1,', '"schema_version": 2,');
 """,
+    """
+ALTER TABLE scans ADD COLUMN all_grasps INTEGER NOT NULL DEFAULT 0;
+UPDATE scans SET summary = json_object(
+        'chains', json_extract(summary, '$.chains'), 'crossings', json_extract(summary, '$.crossings'),
+        'verdict', 'review',
+        'doubts', (SELECT json_group_array(json_object(
+            'code', 'pointchain-1-message', 'severity', 'doubt', 'message', value))
+            FROM json_each(summary, '$.warnings')),
+        'doubt_count', json_array_length(summary, '$.warnings'), 'note_count', 0,
+        'partial', json(CASE json_extract(summary, '$.partial') WHEN 1 THEN 'true' ELSE 'false' END))
+    WHERE json_valid(summary) AND json_type(summary, '$.warnings') = 'array';
+UPDATE events SET data = json_set(data, '$.summary', json_object(
+        'chains', json_extract(data, '$.summary.chains'), 'crossings', json_extract(data, '$.summary.crossings'),
+        'verdict', 'review',
+        'doubts', (SELECT json_group_array(json_object(
+            'code', 'pointchain-1-message', 'severity', 'doubt', 'message', value))
+            FROM json_each(data, '$.summary.warnings')),
+        'doubt_count', json_array_length(data, '$.summary.warnings'), 'note_count', 0,
+        'partial', json(CASE json_extract(data, '$.summary.partial') WHEN 1 THEN 'true' ELSE 'false' END)))
+    WHERE kind = 'state' AND json_valid(data) AND json_type(data, '$.summary.warnings') = 'array';
+""",
 )
 """Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied.
 
-The last script renames members of JSON documents as text. A quote inside a JSON string is escaped, so `"name":` is
-always the name of a member.
+The script before the last renames members of JSON documents as text. A quote inside a JSON string is escaped, so
+`"name":` is always the name of a member. The last script gives the summaries of earlier scans a verdict. Their models
+have the schema `pointchain/1`, whose messages have no codes, so the verdict is `review`.
 """
 VERSION = len(MIGRATIONS)

@@ -56,6 +56,8 @@ class ScanRow:
     """Inputs of recognition, as JSON."""
     files: dict[str, Any] | None = None
     """SHA-256 and size of each file of the result, by name."""
+    all_grasps: bool = False
+    """Whether the model also has the grasps on parts of chains with a doubt."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,7 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """Convert a row of `scans`."""
     values = _parsed(row, "summary", "failure", "inputs", "files")
-    values["kept"] = bool(values["kept"])
+    values["kept"], values["all_grasps"] = bool(values["kept"]), bool(values["all_grasps"])
     return ScanRow(**values)
 
 

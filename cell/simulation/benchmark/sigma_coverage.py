@@ -35,7 +35,7 @@ def sigma_counts(model: Mapping[str, Any], truth: Mapping[str, Any]) -> SigmaCou
     within two sigma.
 
     Args:
-        model: Model document of schema `pointchain/1`.
+        model: Model document of schema `pointchain/2`.
         truth: Truth document of `cell.simulation.scenes.ground_truth`.
 
     Returns:

@@ -63,7 +63,7 @@ def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
     """Compare a model with a truth.
 
     Args:
-        model: Model document of schema `pointchain/1`.
+        model: Model document of schema `pointchain/2`.
         truth: Truth document of `cell.simulation.scenes.ground_truth`, in the frame of the model. Without `radii`, all
             strings have `radius`. Without `closed`, all strings are open.
 
@@ -71,7 +71,7 @@ def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
         The score of the model.
 
     Raises:
-        ScoringError: The model is an error document or not of schema `pointchain/1`, or the truth is not a truth
+        ScoringError: The model is an error document or not of schema `pointchain/2`, or the truth is not a truth
             document.
     """
     try:
@@ -89,7 +89,7 @@ def score(model: Mapping[str, Any], truth: Mapping[str, Any]) -> Score:
         chains, index_of_id = _model_lines(model)
         found = [_Crossing.of_model(crossing, index_of_id) for crossing in model["crossings"]]
     except (KeyError, TypeError, ValueError) as error:
-        raise ScoringError(f"{name}: the model is not of schema pointchain/1: {error!r}") from error
+        raise ScoringError(f"{name}: the model is not of schema pointchain/2: {error!r}") from error
     pairs = match_chains(chains, strings)
     matches = [
         (m, n)

@@ -53,7 +53,7 @@ JSON: Responses = {200: {"model": ModelDocument, "content": {"application/json":
 
 @router.get("/{id}/model", response_class=FileResponse, responses=JSON | FILE_RESPONSES)
 async def get_model(id: Id, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
-    """Return the point chain model."""
+    """Return the point chain model. A result of an earlier release has its own schema, for example `pointchain/1`."""
 
     def read() -> Response:
         return _send(find_scan(id, service), service, MODEL, "application/json", if_none_match)

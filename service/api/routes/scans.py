@@ -61,7 +61,7 @@ def start_scan(
         if isinstance(body, LiveScanRequest):
             radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
             service.jobs.raise_if_stopped_since(requested_at)
-            return service.jobs.submit.live(body.views, body.method, radius, arrival_time(), requester)
+            return service.jobs.submit.live(body.views, body.method, radius, arrival_time(), requester, body.all_grasps)
         recording = service.store.recording(body.recording)
         if recording is None:
             raise ProblemError(
@@ -71,7 +71,7 @@ def start_scan(
             )
         require_recording_file(service, recording)
         radius = check_radius(body.string_radius_m, recording.string_radius_m)
-        return service.jobs.submit.replay(recording, body.method, radius, requester)
+        return service.jobs.submit.replay(recording, body.method, radius, requester, all_grasps=body.all_grasps)
 
     return _start(response, service, requester, submit)
 
@@ -110,7 +110,10 @@ def reprocess_scan(
         require_recording_file(service, recording)
         given = "string_radius_m" in body.model_fields_set
         radius = check_radius(body.string_radius_m if given else source.string_radius_m, None)
-        return service.jobs.submit.replay(recording, body.method or source.method, radius, requester, source.id)
+        all_grasps = source.all_grasps if body.all_grasps is None else body.all_grasps
+        return service.jobs.submit.replay(
+            recording, body.method or source.method, radius, requester, source.id, all_grasps
+        )
 
     return _start(response, service, requester, submit)
 

@@ -20,6 +20,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         source=row.source,
         method=row.method,
         string_radius_m=row.string_radius_m,
+        all_grasps=row.all_grasps,
         state=row.state,
         progress=ScanProgress(
             stage=row.stage,

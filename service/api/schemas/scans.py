@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
-from recognition.model.document import GraspDocument
+from recognition.model.document import FindingDocument, GraspDocument
 from recognition.model.model import Method
+from recognition.model.trust import Verdict
 from recognition.parameters import R_MAX, R_MIN
 from service.api.schemas.base import ApiModel
 from service.api.schemas.problem import Problem
@@ -42,6 +43,8 @@ class _Request(ApiModel):
     string_radius_m: Radius | None = None
     """Radius of the string. Null means that of the recording or the cell; if that has none, it is measured."""
     method: Method = "graph"
+    all_grasps: StrictBool = False
+    """Whether the model also has the grasps on parts of strings with a doubt. Their `trusted` is false."""
 
 
 class ReplayScanRequest(_Request):
@@ -67,6 +70,8 @@ class ReprocessRequest(ApiModel):
     string_radius_m: Radius | None = None
     """Radius of the string. Null means that it is measured, even if the recording has one."""
     method: Method | None = None
+    all_grasps: StrictBool | None = None
+    """Whether the model also has the grasps on parts of strings with a doubt."""
 
 
 class KeepRequest(ApiModel):
@@ -142,7 +147,14 @@ class ScanSummary(ApiModel):
 
     chains: int
     crossings: int
-    warnings: list[str]
+    verdict: Verdict
+    """Verdict on the whole model, as in the model. `review` for results of schema `pointchain/1`."""
+    doubts: list[FindingDocument]
+    """The doubts and blocking findings of the model, the most serious first, at most 20."""
+    doubt_count: int
+    """Number of all doubts and blocking findings."""
+    note_count: int
+    """Number of notes. The model has them."""
 
 
 class ScanLinks(ApiModel):
@@ -177,6 +189,8 @@ class ScanResource(ApiModel):
     method: Method
     string_radius_m: float | None
     """The radius that recognition uses. Null if it is measured."""
+    all_grasps: bool
+    """Whether the model also has the grasps on parts of strings with a doubt."""
     state: ScanState
     progress: ScanProgress
     created_at: str
@@ -207,7 +221,7 @@ class GraspsDocument(ApiModel):
 
     model_config = ConfigDict(extra="allow")
 
-    schema_: Literal["pointchain/1"] = Field(alias="schema")
+    schema_: Literal["pointchain/1", "pointchain/2"] = Field(alias="schema")
     frame: Literal["base"]
     grasps: list[GraspDocument]
     """The best first."""

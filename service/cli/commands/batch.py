@@ -5,7 +5,14 @@ import math
 import sys
 from pathlib import Path
 
-from service.cli.options import Commands, add_config_option, add_json_option, add_method_option, whole_number
+from service.cli.options import (
+    Commands,
+    add_all_grasps_option,
+    add_config_option,
+    add_json_option,
+    add_method_option,
+    whole_number,
+)
 
 SUFFIXES = (".jsonl", ".parquet")
 """Those of `service.batch.formats`, which is not imported for --help."""
@@ -33,6 +40,7 @@ def add_batch_commands(commands: Commands) -> None:
         "--radius", type=float, metavar="M", help="radius of the strings (the one in the recording, else measured)"
     )
     add_method_option(recognise)
+    add_all_grasps_option(recognise)
     recognise.add_argument(
         "--set",
         action="append",
@@ -112,7 +120,9 @@ def _recognise(options: argparse.Namespace) -> int:
     from service.batch.recognise import RunOptions, recognise
     from service.batch.recognise_file import RecognitionRequest
 
-    request = RecognitionRequest(options.method, options.radius, gripper, settings=settings)
+    request = RecognitionRequest(
+        options.method, options.radius, gripper, settings=settings, all_grasps=options.all_grasps
+    )
     return recognise(options.files, request, RunOptions(options.out, options.jobs, options.cluster, options.trace))
 
 

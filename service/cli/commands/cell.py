@@ -4,7 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from service.cli.options import Commands, add_config_option, add_json_option, add_method_option, whole_number
+from service.cli.options import (
+    Commands,
+    add_all_grasps_option,
+    add_config_option,
+    add_json_option,
+    add_method_option,
+    whole_number,
+)
 
 MIN_VIEWS, MAX_VIEWS = 2, 32
 """Limits of --views: those of `cell.config.cell_config.ScanSettings`, which is not imported for --help."""
@@ -24,6 +31,7 @@ def add_cell_commands(commands: Commands) -> None:
         "--radius", type=float, metavar="M", help="radius of the strings (the configured one, else measured)"
     )
     add_method_option(scan)
+    add_all_grasps_option(scan)
     _add_views_option(scan)
     scan.set_defaults(run=_scan)
 
@@ -68,12 +76,13 @@ def _scan(options: argparse.Namespace) -> int:
     from service.cli.commands.scan import ScanOptions, run_scan
 
     scan_options = ScanOptions(
-        options.out,
-        options.radius,
-        options.method,
-        options.views,
-        config.gripper.to_gripper(),
-        config.limits.recognition_s,
+        recording=options.out,
+        radius_m=options.radius,
+        method=options.method,
+        views=options.views,
+        all_grasps=options.all_grasps,
+        gripper=config.gripper.to_gripper(),
+        timeout_s=config.limits.recognition_s,
     )
     return run_scan(config.cell, scan_options)
 

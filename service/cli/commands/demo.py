@@ -111,7 +111,8 @@ def _summary(model: PointChainModel) -> list[str]:
             f"chain {crossing.under.chain} at {crossing.under.s_m * 1000:.0f} mm, "
             f"{crossing.gap_m * 1000:.1f} mm apart (confidence {crossing.confidence:.2f})"
         )
-    lines += [f"Warning            {warning}" for warning in (*model.quality.ambiguities, *model.quality.warnings)]
+    lines.append(f"Verdict            {model.quality.verdict}")
+    lines += [f"{found.severity.capitalize():19}{found.message}" for found in model.quality.findings]
     return lines
 
 

@@ -39,6 +39,8 @@ class ScanOptions:
     """Method of recognition."""
     views: int | None = None
     """Number of viewpoints. None: the configured number."""
+    all_grasps: bool = False
+    """Whether the model also has the grasps on parts of strings with a doubt."""
     gripper: Gripper = field(default_factory=Gripper)
     """Gripper for which grasps are computed."""
     timeout_s: float = LimitsConfig().recognition_s
@@ -87,7 +89,8 @@ def take_scan(
         progress = TerminalProgress(prepared, report, stop_requested)
         header = replace(prepared.header, string_radius_m=radius)
         results = Path(folder) / "results"
-        task = Task(header, radius, options.method, options.gripper, results, Path(folder) / PREVIEW)
+        preview = Path(folder) / PREVIEW
+        task = Task(header, radius, options.method, options.gripper, results, preview, all_grasps=options.all_grasps)
         with (
             RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
             cell.run(prepared, writer, progress) as views,
@@ -122,9 +125,12 @@ def run_scan(settings: CellSettings, options: ScanOptions) -> int:
     if code != 0:
         _report(document["error"]["detail"])
         return code
-    _report(f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}")
-    for message in (*document["quality"]["ambiguities"], *document["quality"]["warnings"]):
-        _report(message)
+    quality = document["quality"]
+    _report(
+        f"chains: {len(document['chains'])}, crossings: {len(document['crossings'])}, verdict: {quality['verdict']}"
+    )
+    for found in quality["findings"]:
+        _report(f"{found['severity']}: {found['message']} [{found['code']}]")
     return code
 
 

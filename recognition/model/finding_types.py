@@ -1,0 +1,326 @@
+"""The table of finding codes: severity, meaning, what to do, and what the finding blocks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["note", "doubt", "blocking"]
+"""How serious a finding is.
+
+`note`: something was set aside, and the model is not less reliable. `doubt`: the model may be wrong there.
+`blocking`: the model is probably wrong there.
+"""
+Scope = Literal["nothing", "model", "chain", "part", "crossing"]
+"""What a doubt or a blocking finding concerns: the completeness of the model, whole chains, a part, or a crossing."""
+
+FindingCode = Literal[
+    "sharp-bend",
+    "connection-uncertain",
+    "crossing-undecided",
+    "upper-strand-unseen",
+    "ends-touching",
+    "end-unobserved",
+    "possible-bar",
+    "possible-object",
+    "above-table",
+    "radius-much-smaller",
+    "possible-string",
+    "table-not-covered",
+    "scene-changed",
+    "calibration-drift",
+    "pointchain-1-message",
+    "end-at-border",
+    "radius-smaller",
+    "radius-larger",
+    "no-grasp",
+    "no-trusted-grasp",
+    "no-string-in-view",
+    "no-string-found",
+    "piece-too-short",
+    "piece-hardly-seen",
+    "piece-not-round",
+    "piece-in-table",
+    "more-pieces",
+    "unexplained-surface",
+    "more-unexplained-surface",
+    "view-missing",
+    "recording-incomplete",
+    "view-without-depth",
+    "view-outside-workspace",
+    "view-stuck",
+    "view-without-string",
+    "view-crowded",
+    "view-contradicting",
+    "view-pose-error",
+]
+"""Code of a finding."""
+
+
+@dataclass(frozen=True)
+class FindingType:
+    """A type of finding. Its code is its key in `FINDING_TYPES`."""
+
+    severity: Severity
+    """Severity of every finding with this code."""
+    scope: Scope
+    """What a program must not rely on. `nothing` for notes."""
+    meaning: str
+    """What was found."""
+    action: str
+    """What a planner or an operator can do about it."""
+    value: str | None = None
+    """Meaning and unit of `value`; `limit` has the same unit. None: the finding has no value."""
+
+
+FINDING_TYPES: Mapping[FindingCode, FindingType] = {
+    "sharp-bend": FindingType(
+        severity="blocking",
+        scope="part",
+        meaning="The chain bends more sharply than a string can. It may have taken the wrong strand at a crossing.",
+        action="Do not rely on the order of the chain, and do not grasp at the bend. Scan again from more views.",
+        value="bend angle, rad",
+    ),
+    "connection-uncertain": FindingType(
+        severity="doubt",
+        scope="part",
+        meaning="The strands that meet here may be connected differently.",
+        action="Do not rely on the order of the chain beyond this part. Scan again from more views.",
+    ),
+    "crossing-undecided": FindingType(
+        severity="doubt",
+        scope="crossing",
+        meaning="The heights of the two strands differ too little to decide which strand is over.",
+        action="Do not pull there. Scan again from more views, or ask a person.",
+        value="confidence of the crossing, 0.5 to 1",
+    ),
+    "upper-strand-unseen": FindingType(
+        severity="doubt",
+        scope="crossing",
+        meaning="The strand that is over by its height was not seen at the crossing, but the other strand was.",
+        action="Do not pull there. Scan again from more views, or ask a person.",
+        value="confidence of the crossing, 0.5 to 1",
+    ),
+    "ends-touching": FindingType(
+        severity="doubt",
+        scope="part",
+        meaning="The end faces another end so closely that one string may continue there.",
+        action="Check the radius. Treat both ends as connected until a person or another scan has separated them.",
+        value="gap between the ends, m",
+    ),
+    "end-unobserved": FindingType(
+        severity="doubt",
+        scope="part",
+        meaning="The end is hidden, or something that is in no chain lies ahead of it. The string may continue there.",
+        action="Do not pull the string out at this end. Scan again, or remove what hides the end.",
+    ),
+    "possible-bar": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The measured surface does not show whether the object is round. It may be a bar with edges.",
+        action="Ask a person what lies there, or scan again from more views.",
+        value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges",
+    ),
+    "possible-object": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="Surface that is in no chain lies along the chain. The chain may be an edge or a fold of an object.",
+        action="Ask a person what lies there, or remove the object and scan again.",
+        value="share of the chain with such surface beside it, 0 to 1",
+    ),
+    "above-table": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The chain lies above the table along nearly all its length. It rests on something, or it is an edge.",
+        action="Check the table height. Ask a person what lies there.",
+        value="height of the underside above the table, m",
+    ),
+    "radius-much-smaller": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The string is much thinner than the given radius. Parts and ends of thin strings are missed.",
+        action="Give the radius of the thinnest string, and recognise the scan again.",
+        value="measured radius, m",
+    ),
+    "possible-string": FindingType(
+        severity="doubt",
+        scope="model",
+        meaning="A long piece was excluded because too few views saw it. It may be a string.",
+        action="Scan again from more views. The chains of the model are not affected.",
+        value="length of the piece, m",
+    ),
+    "table-not-covered": FindingType(
+        severity="doubt",
+        scope="model",
+        meaning="Fewer than two views show a part of the table. Strings may be missed or cut short there.",
+        action="Reduce the workspace, or add viewpoints.",
+        value="share of the table that is not covered, 0 to 1",
+    ),
+    "scene-changed": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The view that was captured last contradicts the earlier views. Something may have moved since then.",
+        action="Scan again.",
+    ),
+    "calibration-drift": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="All views agree on a camera pose that is far from the calibrated pose.",
+        action="Calibrate again. Until then, all positions may be shifted.",
+        value="distance from the calibrated pose, in sigmas of a good calibration",
+    ),
+    "pointchain-1-message": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The document has the schema `pointchain/1`, whose messages have no code. The message may be harmless.",
+        action="Recognise the scan again, or let a person read the message.",
+    ),
+    "end-at-border": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The chain ends at the border of the workspace. The string may continue outside.",
+        action="Do not pull the string out at this end. Enlarge the workspace if the whole string is needed.",
+    ),
+    "radius-smaller": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The string is thinner than the given radius. Thinner strings beside it may be missed.",
+        action="Give the radius of the thinnest string.",
+        value="measured radius, m",
+    ),
+    "radius-larger": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The string is thicker than the given radius.",
+        action="Nothing, or give the right radius.",
+        value="measured radius, m",
+    ),
+    "no-grasp": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="No position along the chain suits the gripper. The message has the reasons.",
+        action="Grasp another chain, use another gripper, or move what is near.",
+    ),
+    "no-trusted-grasp": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The chain has grasps, but only on parts with a doubt. They are not in the model.",
+        action="Resolve the doubt, or ask for all grasps.",
+        value="number of these grasps",
+    ),
+    "no-string-in-view": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Nothing in the workspace is higher above the table than the threshold. The model has no chains.",
+        action="Nothing, if the table is empty. Otherwise check the radius, the table height and the workspace.",
+    ),
+    "no-string-found": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Nothing above the table is long, round and about as thick as the string. The model has no chains.",
+        action="Nothing, if no string is there. Otherwise check the radius.",
+    ),
+    "piece-too-short": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="A piece was excluded because it is too short to be distinguished from noise.",
+        action="Nothing. If it is the rest of a string, scan again from more views.",
+        value="length of the piece, m",
+    ),
+    "piece-hardly-seen": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="A short piece was excluded because hardly any surface supports it.",
+        action="Nothing. If it is the rest of a string, scan again from more views.",
+        value="length of the piece, m",
+    ),
+    "piece-not-round": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="A piece was excluded because its surface is not round like a string.",
+        action="Nothing, if an object lies there. Otherwise check the radius.",
+        value="length of the piece, m",
+    ),
+    "piece-in-table": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="A piece was excluded because its tube would reach into the table.",
+        action="Nothing, if an object lies there. Otherwise check the table height and the radius.",
+        value="length of the piece, m",
+    ),
+    "more-pieces": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="More pieces were excluded than are listed. Many pieces show that the views do not fit together well.",
+        action="Check the calibration if no objects explain the pieces.",
+        value="number of further pieces",
+    ),
+    "unexplained-surface": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Something above the table is in no chain: an object, or string that was not recognised.",
+        action="Nothing, if an object lies there. The grasps keep clear of it.",
+        value="size, m",
+    ),
+    "more-unexplained-surface": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="More things above the table are in no chain than are listed.",
+        action="Nothing, if objects lie there. The grasps keep clear of them.",
+        value="number of further things",
+    ),
+    "view-missing": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view was not captured: the camera failed there, or the viewpoint was not reachable.",
+        action="Nothing, if the other views suffice. If it happens again, plan the viewpoints and read the reasons.",
+    ),
+    "recording-incomplete": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The recording lacks something, for example because it was cut off.",
+        action="Nothing, if the complete views suffice. Otherwise scan again.",
+    ),
+    "view-without-depth": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="No pixel of the view has a depth.",
+        action="If it happens again, check the camera.",
+    ),
+    "view-outside-workspace": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view measured nothing in the workspace.",
+        action="If it happens again, check the viewpoints and the workspace.",
+    ),
+    "view-stuck": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Every pixel of the view has the same depth.",
+        action="Check the camera.",
+    ),
+    "view-without-string": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view has too few points above the table.",
+        action="Nothing, if the string is not in the field of view there.",
+    ),
+    "view-crowded": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view has too many points above the table for a scene of strings.",
+        action="If it happens again, check the table height and the workspace.",
+    ),
+    "view-contradicting": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view contradicts the other views, and was excluded. Its pose was wrong, or something moved.",
+        action="Nothing, if it happens rarely. Otherwise check the arm and the calibration.",
+    ),
+    "view-pose-error": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The view was not captured at the pose that the arm reported, and was excluded.",
+        action="Check the arm, and that it is at rest when the camera captures.",
+    ),
+}
+"""All codes, the most serious first."""
