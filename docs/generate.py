@@ -3,11 +3,12 @@
 import sys
 from pathlib import Path
 
-from generated import command_line, configuration, errors, parameters
+from generated import command_line, configuration, errors, findings, parameters
 
 DOCS = Path(__file__).resolve().parent
 PAGES = {
     "planner/errors.md": errors.page,
+    "planner/findings.md": findings.page,
     "integrator/configuration.md": configuration.page,
     "researcher/parameters.md": parameters.page,
     "reference/command-line.md": command_line.page,

@@ -219,6 +219,7 @@ def recognise(
     unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
     chains, touching = mark_touching_ends(chains)
+    captured = [target.view for target in ingested.targets]
     findings = most_serious_first(
         (
             *crossings.findings,
@@ -230,7 +231,7 @@ def recognise(
             *unobserved_end_findings(chains, scene, parameters),
             *unexplained_findings(unexplained, parameters),
             *drift_findings(registration, chains),
-            *view_findings(registration.views + ingested.excluded, ingested.targets[-1].view, chains),
+            *view_findings(registration.views + ingested.excluded, captured, chains),
             *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
         )
     )
@@ -281,7 +282,7 @@ def _without_string(
     """Return a model without chains, with `reason` and the finding on table coverage."""
     findings = (
         finding("no-string-in-view", reason),
-        *view_findings(ingested.excluded, ingested.targets[-1].view, ()),
+        *view_findings(ingested.excluded, [target.view for target in ingested.targets], ()),
         *coverage_findings(ingested.targets, (), scene),
     )
     quality = Quality(ingested.excluded, most_serious_first(findings))

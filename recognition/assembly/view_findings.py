@@ -9,25 +9,29 @@ from recognition.model.quality import ViewQuality
 from recognition.registration.registration import Registration
 
 
-def view_findings(views: Sequence[ViewQuality], last_view: int, chains: Sequence[Chain]) -> list[Finding]:
-    """Return a note on each excluded view, and a doubt if the scene may have changed before the last view.
+def view_findings(views: Sequence[ViewQuality], captured: Sequence[int], chains: Sequence[Chain]) -> list[Finding]:
+    """Return a note on each excluded view, and a doubt if the scene may have changed during the scan.
 
-    A view that contradicts the others had a wrong pose, or something moved. If later views agree with earlier ones,
-    nothing moved for good. If the last view contradicts, the model may show how the scene was before.
+    A view that contradicts the others had a wrong pose, or something moved before it. If something moved, all views
+    after that contradict the earlier ones. If a view is used that was captured after a contradicting one, the pose was
+    wrong.
 
     Args:
         views: Quality of all views.
-        last_view: Index of the view that was captured last.
+        captured: Indices of the views in the order in which they were captured.
         chains: Chains of the model. Without chains, a view that shows only the table gives no note.
     """
-    findings = []
-    for view in views:
-        if view.code is None or (view.code == "view-without-string" and not chains):
-            continue
-        findings.append(finding(view.code, f"view {view.index} was excluded: {view.reason}", view=view.index))
-        if view.code == "view-contradicting" and view.index == last_view:
-            message = f"view {view.index}, the last one, contradicts the others: something may have moved before it"
-            findings.append(finding("scene-changed", message, chains=[chain.id for chain in chains], view=view.index))
+    findings = [
+        finding(view.code, f"view {view.index} was excluded: {view.reason}", view=view.index)
+        for view in views
+        if view.code is not None and (view.code != "view-without-string" or chains)
+    ]
+    contradicting = [captured.index(view.index) for view in views if view.code == "view-contradicting"]
+    used = [captured.index(view.index) for view in views if view.used]
+    if contradicting and used and min(contradicting) > max(used):
+        first = captured[min(contradicting)]
+        message = f"no view from view {first} on fits the earlier ones: something may have moved before it"
+        findings.append(finding("scene-changed", message, chains=[chain.id for chain in chains], view=first))
     return findings
 
 

@@ -284,13 +284,13 @@ class ViewQualityDocument(_Document):
     """Code of the finding on the view; null if it was used."""
     points: int
     """Number of points above the height threshold."""
-    fitness: float | None
+    fitness: Rounded | None
     """Share of these points that another view measured on the same surface."""
-    rms_m: float | None
+    rms_m: Rounded | None
     """Root mean square distance of these points from the surface of the other views, metres."""
-    correction_m: float | None
+    correction_m: Rounded | None
     """Translation of the view from its pose by arm and hand-eye calibration, metres."""
-    correction_rad: float | None
+    correction_rad: Rounded | None
     """Rotation of the view from its pose by arm and hand-eye calibration, radians."""
 
     def to_view_quality(self) -> ViewQuality:

@@ -158,7 +158,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "scene-changed": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The view that was captured last contradicts the earlier views. Something may have moved since then.",
+        meaning="The views that were captured last contradict all earlier ones. Something may have moved meanwhile.",
         action="Scan again.",
     ),
     "calibration-drift": FindingType(

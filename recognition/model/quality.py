@@ -52,7 +52,7 @@ class Quality:
 
     @property
     def verdict(self) -> Verdict:
-        """Verdict on the whole model: `accept`, `review` or `refuse`."""
+        """Verdict on the whole model, from the findings (see `recognition.model.trust`)."""
         return model_verdict(self.findings)
 
     @property

@@ -8,6 +8,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 GENERATED = {
     "docs/planner/errors.md",
+    "docs/planner/findings.md",
     "docs/integrator/configuration.md",
     "docs/researcher/parameters.md",
     "docs/reference/command-line.md",

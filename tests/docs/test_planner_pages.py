@@ -24,7 +24,7 @@ def members(schema: dict[str, Any]) -> set[str]:
 
 
 def test_each_member_of_the_model_is_explained() -> None:
-    text = (PLANNER / "model.md").read_text()
+    text = "".join((PLANNER / name).read_text() for name in ("model.md", "findings.md"))
     prose = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
     explained = set(re.findall(r"`([A-Za-z_]+)`", prose))
     schema = TypeAdapter(ModelDocument).json_schema()
