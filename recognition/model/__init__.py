@@ -5,6 +5,7 @@ The model comes out, with verdicts, Gauss code, P-data and its JSON document of 
 """
 
 from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.changes import ChainMatch, ModelChanges
 from recognition.model.finding_types import FINDING_TYPES, FindingCode, FindingType, Severity
 from recognition.model.findings import Finding
 from recognition.model.model import METHODS, SCHEMA, Method, PointChainModel
@@ -17,6 +18,7 @@ __all__ = [
     "METHODS",
     "SCHEMA",
     "Chain",
+    "ChainMatch",
     "ChainTrust",
     "Crossing",
     "CrossingElement",
@@ -27,6 +29,7 @@ __all__ = [
     "FindingType",
     "Grasp",
     "Method",
+    "ModelChanges",
     "PData",
     "PointChainModel",
     "Quality",

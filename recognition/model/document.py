@@ -9,9 +9,11 @@ from dataclasses import asdict, fields
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic.json_schema import SkipJsonSchema
 
 from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.changes import Change, ModelChanges
 from recognition.model.finding_types import FindingCode, Severity
 from recognition.model.findings import Finding, Which
 from recognition.model.quality import Quality, ViewQuality
@@ -60,6 +62,23 @@ def _round_each(values: Any) -> Any:
 
 
 ROUNDED_EACH = BeforeValidator(_round_each)
+
+
+def _is_absent(value: Any) -> bool:
+    """Return whether a member does not apply, so that the document omits it."""
+    return value is None or value == ()
+
+
+def _remove_default(schema: dict[str, Any]) -> None:
+    """Remove the default of an optional member from its JSON schema, because the document never has null there."""
+    schema.pop("default", None)
+
+
+def _optional() -> Any:
+    """Return a field that the document omits if it does not apply."""
+    return Field(default=None, exclude_if=_is_absent, json_schema_extra=_remove_default)
+
+
 Rounded = Annotated[float, _rounded(6)]
 """A number rounded to a micrometre, microradian or microsecond."""
 Share = Annotated[float, Field(ge=0, le=1), _rounded(4)]
@@ -307,31 +326,26 @@ class FindingDocument(_Document):
     """`note` changes nothing, `doubt` may be otherwise, and `blocking` must not be acted on."""
     message: str
     """Description for people. Its text may change."""
-    chains: tuple[int, ...] = ()
+    chains: tuple[int, ...] | SkipJsonSchema[None] = _optional()
     """Ids of the chains that the finding concerns. Absent: something outside all chains, or the whole model."""
-    crossing: int | None = None
+    crossing: int | SkipJsonSchema[None] = _optional()
     """Id of the crossing that the finding concerns."""
-    end: Which | None = None
+    end: Which | SkipJsonSchema[None] = _optional()
     """End of the chain that the finding concerns."""
-    s_range_m: Annotated[Interval, ROUNDED_EACH] | None = None
+    s_range_m: Annotated[Interval, ROUNDED_EACH] | SkipJsonSchema[None] = _optional()
     """Part of the chain that the finding concerns, as arc lengths, metres. It may exceed the length of a ring."""
-    point_m: Annotated[Point, ROUNDED_EACH] | None = None
+    point_m: Annotated[Point, ROUNDED_EACH] | SkipJsonSchema[None] = _optional()
     """Position, metres, base frame."""
-    view: int | None = None
+    view: int | SkipJsonSchema[None] = _optional()
     """Index of the view that the finding concerns."""
-    value: Rounded | None = None
+    value: Rounded | SkipJsonSchema[None] = _optional()
     """Measured value that led to the finding. The code determines its meaning and unit."""
-    limit: Rounded | None = None
+    limit: Rounded | SkipJsonSchema[None] = _optional()
     """Limit of the value, in the same unit."""
-
-    @model_serializer(mode="wrap")
-    def _omit_absent(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Omit the members that do not apply."""
-        return {name: value for name, value in serialise(self).items() if value not in (None, (), [])}
 
     def to_finding(self) -> Finding:
         """Return the finding."""
-        return Finding(**self._values(Finding))
+        return Finding(**self._values(Finding, chains=self.chains or ()))
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:
@@ -356,6 +370,48 @@ class QualityDocument(_Document):
         return Quality(views, tuple(found.to_finding() for found in self.findings))
 
 
+class ChainMatchDocument(_Document):
+    """A chain that is in both models."""
+
+    chain: int
+    """Id of the chain in this model."""
+    before: int
+    """Id of the chain in the earlier model."""
+    change: Change
+    """`unmoved`, `moved` with its shape, or `deformed`."""
+    T_now_before: Annotated[tuple[Row, Row, Row, Row], BeforeValidator(_pose_rows)]
+    """Rigid motion in the table plane that maps points of the string before to points now. The identity if it is
+    unmoved, and an approximation if it is deformed."""
+    rms_m: Rounded
+    """Root mean square distance of the lines after the motion, metres."""
+    displacement_m: Rounded
+    """Largest distance of a point of the string before from the same point now, metres."""
+    is_reversed: bool
+    """True: the chain now runs in the opposite direction, so `s_m` now is `length_m - s_m` before on open chains."""
+    s_offset_m: Rounded
+    """Arc length, on a ring now, of the first point before, metres. 0 on open chains."""
+    confidence: Share
+    """Probability that it is the same string."""
+
+
+class ChangesDocument(_Document):
+    """Changes since an earlier scan."""
+
+    scan: str
+    """Id of the earlier scan."""
+    matches: list[ChainMatchDocument]
+    """Chains in both models."""
+    new: list[int]
+    """Ids of chains in this model only."""
+    gone: list[int]
+    """Ids of chains in the earlier model only."""
+
+    @classmethod
+    def of(cls, changes: ModelChanges, scan: str) -> "ChangesDocument":
+        """Return the document of the changes since a scan."""
+        return cls.model_validate({"scan": scan, "matches": changes.matches, "new": changes.new, "gone": changes.gone})
+
+
 class ModelDocument(_Document):
     """All strings of a scene as ordered point chains, with their crossings and grasps."""
 
@@ -376,6 +432,8 @@ class ModelDocument(_Document):
     quality: QualityDocument
     timing_s: dict[str, Rounded]
     """Duration of each stage, seconds."""
+    since: ChangesDocument | SkipJsonSchema[None] = _optional()
+    """Changes since an earlier scan. Absent unless the request asks for them."""
 
 
 def parameters_document(parameters: ChainParameters) -> dict[str, float]:

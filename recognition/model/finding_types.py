@@ -69,7 +69,7 @@ class FindingType:
     action: str
     """What a planner or an operator can do about it."""
     value: str | None = None
-    """Meaning and unit of `value`; `limit` has the same unit. None: the finding has no value."""
+    """Meaning and unit of `value`; `limit` has the same unit. None if the finding has no value."""
 
 
 FINDING_TYPES: Mapping[FindingCode, FindingType] = {

@@ -26,13 +26,13 @@ class Finding:
     message: str
     """Description for people, with the position."""
     chains: tuple[int, ...] = ()
-    """Ids of the chains that the finding concerns. Empty: it concerns no chain of the model."""
+    """Ids of the chains that the finding concerns. Empty if it concerns no chain of the model."""
     crossing: int | None = None
     """Id of the crossing that the finding concerns."""
     end: Which | None = None
     """End of the only chain in `chains`."""
     s_range_m: tuple[float, float] | None = None
-    """Part of the only chain in `chains`, as arc lengths, metres. None: the whole chain, or the passes of `crossing`.
+    """Part of the only chain in `chains`, as arc lengths, metres. None means the whole chain, or the crossing's passes.
 
     On a closed chain, the second arc length may exceed the length of the chain.
     """

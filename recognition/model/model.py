@@ -6,6 +6,7 @@ from typing import Any, Literal, Self, TypeVar, cast
 
 from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, Grasp
+from recognition.model.changes import ModelChanges, compare_chains
 from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data
 from recognition.model.trust import ChainTrust, Verdict, chain_trust, crossing_verdict
@@ -159,6 +160,14 @@ class PointChainModel:
         """
         trust = self.chain_trust(chain)
         return trust.verdict == "accept" if s_m is None else trust.is_trusted(s_m)
+
+    def since(self, before: "PointChainModel") -> ModelChanges:
+        """Return which chain of an earlier model is which chain of this one, and what is new or gone.
+
+        Args:
+            before: Earlier model of the same table.
+        """
+        return compare_chains(before.chains, self.chains)
 
     def gauss_code(self) -> list[list[list[Any]]]:
         """Return for each chain the crossings along it, in order: `[crossing id, "over" or "under", sign]`."""

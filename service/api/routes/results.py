@@ -4,12 +4,13 @@ import asyncio
 import json
 import time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
-from fastapi.responses import FileResponse
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse, JSONResponse
 
-from recognition.model.document import ModelDocument
+from recognition.model.document import ChangesDocument, ModelDocument
+from recognition.model.model import PointChainModel
 from service.api.dependencies import Context, Id, Scan, Service, find_scan
 from service.api.file_responses import (
     NOT_MODIFIED,
@@ -38,6 +39,7 @@ FILE_RESPONSES: Responses = NOT_MODIFIED | problem_responses(
     "scan-not-found", "no-result", "result-not-ready", "invalid-request"
 )
 PLY = "application/octet-stream"
+Since = Annotated[Id | None, Query(description="Id of an earlier scan of the same table")]
 THUMBNAIL_WIDTH_PX = 240
 """Width of a thumbnail."""
 POLL_INTERVAL_S = 0.02
@@ -52,13 +54,25 @@ JSON: Responses = {200: {"model": ModelDocument, "content": {"application/json":
 
 
 @router.get("/{id}/model", response_class=FileResponse, responses=JSON | FILE_RESPONSES)
-async def get_model(id: Id, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
-    """Return the point chain model. A result of an earlier release has its own schema, for example `pointchain/1`."""
+async def get_model(
+    id: Id,  # noqa: A002 (the path's own name)
+    service: Service,
+    if_none_match: IfNoneMatch,
+    since: Since = None,
+) -> Response:
+    """Return the point chain model. A result of an earlier release has its own schema, for example `pointchain/1`.
+
+    With `since`, the model has the member `since`: which chain of the other scan is which chain of this one, how it
+    moved, and what is new or gone.
+    """
 
     def read() -> Response:
-        return _send(find_scan(id, service), service, MODEL, "application/json", if_none_match)
+        scan = find_scan(id, service)
+        if since is None:
+            return _send(scan, service, MODEL, "application/json", if_none_match)
+        return _model_since(scan, find_scan(since, service), service, if_none_match)
 
-    return await service.response_cache.respond(("model", id, if_none_match), read)
+    return await service.response_cache.respond(("model", id, since, if_none_match), read)
 
 
 @router.get("/{id}/grasps", response_model=GraspsDocument, responses=FILE_RESPONSES)
@@ -126,6 +140,21 @@ def get_scan_recording(scan: Scan, service: Service, if_none_match: IfNoneMatch)
     if recording is None:
         raise ProblemError("no-result", f"scan {scan.id} has no recording", scan=scan.id)
     return recordings.send_recording(service, recording, if_none_match)
+
+
+def _model_since(scan: ScanRow, before: ScanRow, service: Context, if_none_match: str | None) -> Response:
+    """Return the model of a scan with its changes since another scan, or 304."""
+    paths = [_result_path(row, service, MODEL) for row in (scan, before)]
+    tags = [
+        stat_file(path, **_hash_and_size(row, MODEL))[1][1:-1] for path, row in zip(paths, (scan, before), strict=True)
+    ]
+    etag = f'"{tags[0]}-since-{tags[1]}"'
+    if matches(if_none_match, etag):
+        return not_modified_response(etag)
+    documents = [json.loads(path.read_bytes()) for path in paths]
+    model, earlier = map(PointChainModel.from_json, documents)
+    changes = ChangesDocument.of(model.since(earlier), before.id).model_dump(mode="json")
+    return JSONResponse(documents[0] | {"since": changes}, headers={"etag": etag})
 
 
 async def _wait_for_preview(scan_id: str, service: Context) -> None:
