@@ -8,9 +8,9 @@ import { mm, when } from "../texts/format";
 import { foundText, hasModel, isElsewhere, kindOf, outcome, tooFew } from "../texts/states";
 import { rich, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
+import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
 import { Picture } from "../ui/picture";
-import { Warnings } from "../ui/warnings";
 import { Reprocess } from "./reprocess";
 
 interface RowProps {
@@ -69,7 +69,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
   return (
     <div class="details" role="group" aria-label={name}>
       <EndReason state={scan.state} problem={problem} />
-      <Warnings warnings={summary?.warnings ?? []} />
+      <Doubts summary={summary} />
       <p class="small">
         {scan.string_radius_m === null &&
           (hasModel(scan) ? t("history.row.radius_measured") : t("history.row.radius_requested"))}

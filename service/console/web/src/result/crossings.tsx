@@ -4,6 +4,7 @@ import { rich, t } from "../texts/translate";
 import { strong } from "../ui/action";
 import { Hint } from "../ui/hint";
 import { type Crossing, isUncertain, type Target } from "../view3d/scene";
+import { Trust, TRUST_CLASSES } from "./trust";
 
 interface ListProps {
   model: Model;
@@ -24,7 +25,7 @@ export function Crossings({ model, show }: ListProps) {
           <li key={crossing.id}>
             <button
               type="button"
-              class={isUncertain(crossing) ? "unsure" : ""}
+              class={TRUST_CLASSES[crossing.trust]}
               onClick={() => show({ kind: "crossing", id: crossing.id })}
             >
               {rich("result.crossings.text", {
@@ -37,7 +38,10 @@ export function Crossings({ model, show }: ListProps) {
                 angle: degrees(crossing.angle_rad),
                 confidence: confidenceText(crossing),
                 strong,
-              })}
+              })}{" "}
+              {crossing.trust !== "accept" && (
+                <Trust verdict={crossing.trust}>{t(`result.trust.${crossing.trust}`)}</Trust>
+              )}
             </button>
           </li>
         ))}

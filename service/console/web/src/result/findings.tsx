@@ -1,56 +1,100 @@
-import type { Model } from "../net/api";
+import type { ComponentChildren } from "preact";
+import type { Finding, Model } from "../net/api";
+import { distinctFindings, FINDING_TONES } from "../texts/findings";
 import { sentence } from "../texts/sentence";
+import { VERDICT_TONES } from "../texts/states";
 import { t } from "../texts/translate";
-import type { Target } from "../view3d/scene";
-import { targetInMessage } from "./message_target";
+import type { Target, ViewPose } from "../view3d/scene";
+import { findingTarget } from "./finding_target";
 
-/** The findings to read before anything is grasped. A press on a finding turns the view to it. */
-export function Findings({ model, show }: { model: Model; show: (target: Target) => void }) {
-  const { ambiguities, warnings, views } = model.quality;
-  const messages = [...ambiguities, ...warnings];
-  const unused = views.filter((view) => !view.used);
-  const unobserved = model.chains.filter((chain) => chain.ends.includes("unseen"));
-  const count = messages.length + unused.length + unobserved.length;
-  if (count === 0) return <p class="note good">{t("result.findings.good")}</p>;
+interface FindingsProps {
+  model: Model;
+  views: readonly ViewPose[];
+  /** Turns the view to a target. */
+  show: (target: Target) => void;
+}
+
+/** The verdict and the findings. A press on a finding turns the view to its position. */
+export function Findings({ model, views, show }: FindingsProps) {
+  const { verdict } = model.quality;
+  const findings = distinctFindings(model.quality.findings);
+  const noString = model.chains.length === 0;
+  const verdictText = t(
+    noString && verdict === "review" ? "result.findings.no_string_review" : `result.findings.verdict.${verdict}`,
+  );
+  const items = (listed: readonly Finding[]) => (
+    <ul class="targets">
+      {listed.map((finding) => (
+        <li key={finding.message}>
+          <Item finding={finding} target={findingTarget(finding, model, views)} show={show} />
+        </li>
+      ))}
+    </ul>
+  );
   return (
     <section aria-label={t("result.findings.region")}>
-      <h2 class="warn">
-        {model.chains.length === 0 ? t("result.findings.no_string") : t("result.findings.count", { count })}
-      </h2>
-      <ul class="targets">
-        {messages.map((message) => (
-          <li key={message}>
-            <Finding message={message} show={show} />
-          </li>
-        ))}
-        {unobserved.map(({ id, ends }) => (
-          <li key={`string ${id}`}>
-            <button type="button" onClick={() => show({ kind: "chain", id })}>
-              {ends[0] === ends[1] ? t("result.findings.both_ends", { id }) : t("result.findings.one_end", { id })}
-            </button>
-          </li>
-        ))}
-        {unused.length < views.length &&
-          unused.map(({ index, reason }) => (
-            <li key={index}>
-              <button type="button" onClick={() => show({ kind: "view", index })}>
-                {sentence(
-                  t("result.findings.view_unused", { index, reason: reason ?? t("common.no_reason") }),
-                )}
-              </button>
-            </li>
-          ))}
-      </ul>
-      {unused.length === views.length && <p>{t("result.findings.no_view", { count: views.length })}</p>}
+      {!(noString && verdict === "accept") && (
+        <p class={`note ${VERDICT_TONES[verdict]}`}>
+          <strong>{verdictText}</strong>
+        </p>
+      )}
+      {noString ? (
+        <>
+          {findings.length > 0 && <h2 class="warn">{t("result.findings.no_string")}</h2>}
+          {items(findings)}
+        </>
+      ) : (
+        <BySeverity findings={findings} items={items} />
+      )}
     </section>
   );
 }
 
-function Finding({ message, show }: { message: string; show: (target: Target) => void }) {
-  const target = targetInMessage(message);
-  if (target === null) return <p class="note warn">{sentence(message)}</p>;
+interface BySeverityProps {
+  findings: readonly Finding[];
+  items: (listed: readonly Finding[]) => ComponentChildren;
+}
+
+/** The blocking findings, then the doubts, then the notes, which are collapsed. */
+function BySeverity({ findings, items }: BySeverityProps) {
+  const [blocking, doubts, notes] = (["blocking", "doubt", "note"] as const).map((severity) =>
+    findings.filter((finding) => finding.severity === severity),
+  ) as [Finding[], Finding[], Finding[]];
   return (
-    <button type="button" onClick={() => show(target)}>
+    <>
+      {blocking.length > 0 && (
+        <>
+          <h2 class="bad">{t("result.findings.blocking", { count: blocking.length })}</h2>
+          {items(blocking)}
+        </>
+      )}
+      {doubts.length > 0 && (
+        <>
+          <h2 class="warn">{t("result.findings.doubts", { count: doubts.length })}</h2>
+          {items(doubts)}
+        </>
+      )}
+      {notes.length > 0 && (
+        <details>
+          <summary>{t("result.findings.notes", { count: notes.length })}</summary>
+          {items(notes)}
+        </details>
+      )}
+    </>
+  );
+}
+
+interface ItemProps {
+  finding: Finding;
+  target: Target | null;
+  show: (target: Target) => void;
+}
+
+/** A finding: a button if it has a position. */
+function Item({ finding: { severity, message }, target, show }: ItemProps) {
+  if (target === null) return <p class={`note ${FINDING_TONES[severity]}`}>{sentence(message)}</p>;
+  return (
+    <button type="button" class={severity === "note" ? "" : severity} onClick={() => show(target)}>
       {sentence(message)}
     </button>
   );

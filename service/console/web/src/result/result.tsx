@@ -75,7 +75,8 @@ function Result({ id }: { id: string }) {
         {model !== null && scan !== null && (
           <>
             <RadiusWarning scan={scan} />
-            <Findings model={model} show={show} />
+            {loaded.isEarlier && <EarlierReleaseNote scan={scan} />}
+            <Findings model={model} views={views} show={show} />
             {model.chains.length > 0 && (
               <>
                 <SelectedPoint model={model} target={selection?.target ?? null} select={select} />
@@ -101,6 +102,17 @@ function Description({ scan, model }: { scan: Scan; model: Model | null }) {
       {model === null
         ? t("common.kind_and_time", values)
         : t("scan.last.description", { ...values, method: t(`method.${scan.method}.name`) })}
+    </p>
+  );
+}
+
+/** Says that an earlier release of the service made the result. */
+function EarlierReleaseNote({ scan }: { scan: Scan }) {
+  const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.id)}>{content}</a>;
+  return (
+    <p class="note warn">
+      {rich("result.earlier_release", { strong })}{" "}
+      {scan.links.reprocess !== null && rich("result.earlier_release_again", { link })}
     </p>
   );
 }

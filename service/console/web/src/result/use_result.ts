@@ -5,6 +5,7 @@ import type { Failure } from "../ui/action";
 import { useQuery } from "../ui/use_query";
 import { hasModel } from "../texts/states";
 import type { ViewPose } from "../view3d/scene";
+import { fromSchema1, type Schema1Model } from "./schema_1";
 
 /** A large cloud takes long over a slow network. */
 const LONG = { fetch: (call: Request) => request(call, 120) };
@@ -13,16 +14,20 @@ const LONG = { fetch: (call: Request) => request(call, 120) };
 interface Loaded {
   scan: Scan | null;
   model: Model | null;
+  /** An earlier release of the service made the model. */
+  isEarlier: boolean;
   cloud: ArrayBuffer | null;
   views: readonly ViewPose[];
 }
 
-const NOTHING: Loaded = { scan: null, model: null, cloud: null, views: [] };
+const NOTHING: Loaded = { scan: null, model: null, isEarlier: false, cloud: null, views: [] };
 
-/** Load the model of a scan. */
-export async function loadModel(id: string): Promise<Model> {
-  const model: unknown = await resultOf(api.GET("/api/scans/{id}/model", { params: { path: { id } }, ...LONG }));
-  return model as Model; // the client types points as lists of any length
+/** Load the model of a scan, in the present schema. */
+export async function loadModel(id: string): Promise<{ model: Model; isEarlier: boolean }> {
+  const document: unknown = await resultOf(api.GET("/api/scans/{id}/model", { params: { path: { id } }, ...LONG }));
+  const model = document as Model | Schema1Model; // the client types points as lists of any length
+  if (model.schema === "pointchain/1") return { model: fromSchema1(model), isEarlier: true };
+  return { model, isEarlier: false };
 }
 
 /** Load the results of a scan one after the other, the model first. */
@@ -35,7 +40,7 @@ export function useResult(id: string): Loaded & { failure: Failure | null } {
     const scan = await resultOf(api.GET("/api/scans/{id}", { params: { ...params } }));
     add({ scan });
     if (!hasModel(scan)) return;
-    add({ model: await loadModel(id) });
+    add(await loadModel(id));
     add({ views: (await resultOf(api.GET("/api/scans/{id}/views", { params }))).views });
     add({ cloud: await resultOf(api.GET("/api/scans/{id}/cloud.ply", { params, parseAs: "arrayBuffer", ...LONG })) });
   }

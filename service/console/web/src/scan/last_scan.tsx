@@ -5,8 +5,8 @@ import { canOperate } from "../state/session";
 import { when } from "../texts/format";
 import { foundText, hasModel, isElsewhere, kindOf, outcome, recordedViews, tooFew } from "../texts/states";
 import { t } from "../texts/translate";
+import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
-import { Warnings } from "../ui/warnings";
 import { RadiusWarning } from "./radius_warning";
 import { RecordingName } from "./recording_name";
 import { Views } from "./views";
@@ -31,7 +31,7 @@ export function LastScan({ scan }: { scan: Scan }) {
       </p>
       <EndReason state={scan.state} problem={problem} />
       <RadiusWarning scan={scan} />
-      <Warnings warnings={summary?.warnings ?? []} />
+      <Doubts summary={summary} />
       <p class="row">
         {hasModel(scan) && (
           <a class="button main" href={addressOf("result", scan.id)}>

@@ -26,7 +26,7 @@ export function Start({ action }: { action: Action }) {
   const invalid = radius.fault !== null || (mode === "live" && views.fault !== null);
 
   async function start(): Promise<void> {
-    const both = { string_radius_m: radiusMetres(radius), method };
+    const both = { string_radius_m: radiusMetres(radius), method, all_grasps: false };
     const body = mode === "live" ? { ...both, mode, views: views.value } : { ...both, mode, recording: recording ?? "" };
     show(await resultOf(api.POST("/api/scans", { body, ...longCall })));
     refreshNow();

@@ -63,9 +63,11 @@ export async function scanEvent(event: ScanEvent): Promise<void> {
     return show({ ...scan, progress: { ...scan.progress, views } });
   }
   const { stage, fraction } = event.data;
-  const state = event.kind === "state" ? event.data.state : scan.state;
-  show({ ...scan, state, progress: { ...scan.progress, stage, fraction } });
-  if (event.kind === "state") await refreshScan(scan.id);
+  const progress = { ...scan.progress, stage, fraction };
+  if (event.kind === "progress") return show({ ...scan, progress });
+  const { state, problem, summary } = event.data;
+  show({ ...scan, state, problem, summary, progress });
+  await refreshScan(scan.id);
 }
 
 /** Request one scan, and show it. */

@@ -1,4 +1,4 @@
-import type { Cell, Method, Scan, ScanState } from "../net/api";
+import type { Cell, Method, Scan, ScanState, Verdict } from "../net/api";
 import { t } from "./translate";
 
 /** How a state is drawn: each tone has a shape and a colour. */
@@ -21,6 +21,9 @@ export const SCAN_TONES: Record<ScanState, Tone> = {
   interrupted: "warn",
 };
 
+/** How the verdict on a model, or on a part of it, is drawn. */
+export const VERDICT_TONES: Record<Verdict, Tone> = { accept: "good", review: "warn", refuse: "bad" };
+
 /** The methods of recognition, the recommended one first. */
 export const METHODS: readonly Method[] = ["graph", "enhanced", "matching"];
 
@@ -32,10 +35,15 @@ export function scanWord(state: ScanState): string {
   return t(`scan_state.${state}`);
 }
 
-/** Return the outcome of a scan. A scan that found no string succeeded, but there is nothing to grasp. */
-export function outcome(scan: Scan): { word: string; tone: Tone } {
-  if (scan.summary?.chains === 0) return { word: t("scan_state.no_string"), tone: "warn" };
-  return { word: scanWord(scan.state), tone: SCAN_TONES[scan.state] };
+/** Return the outcome of a scan. It is good only if there is no doubt about the result, and something to grasp. */
+export function outcome({ state, summary }: Scan): { word: string; tone: Tone } {
+  if (summary === null) return { word: scanWord(state), tone: state === "succeeded" ? "none" : SCAN_TONES[state] };
+  if (summary.verdict === "refuse") return { word: t("scan_state.refuse"), tone: "bad" };
+  if (summary.chains === 0) return { word: t("scan_state.no_string"), tone: "warn" };
+  if (summary.verdict === "review" && (state === "succeeded" || state === "partial")) {
+    return { word: t(`scan_state.${state}_review`), tone: "warn" };
+  }
+  return { word: scanWord(state), tone: SCAN_TONES[state] };
 }
 
 /** Return whether a scan or run in this state continues. */

@@ -1,9 +1,10 @@
 import { type Color, Group, Mesh, MeshBasicMaterial, SphereGeometry, TorusGeometry, Vector3 } from "three";
 import { mm, pointText } from "../texts/format";
 import { t } from "../texts/translate";
-import { pointAt } from "./arc_length";
+import { pointAt, withinChain } from "./arc_length";
 import { drawView, eyeOf } from "./cameras";
 import { crossingText, strandsOf } from "./crossings";
+import type { Piece } from "./gaps";
 import { drawGrasp, graspText, handleOf } from "./grasps";
 import { label } from "./labels";
 import type { Palette } from "./palette";
@@ -27,7 +28,17 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
     }
     case "chain": {
       const one = chain(target.id);
-      if (one) group.add(markChain(one, palette.accent));
+      if (one) group.add(markPiece(one, { from_m: 0, to_m: one.length_m }, palette.accent));
+      break;
+    }
+    case "part": {
+      const one = chain(target.chain);
+      if (!one) break;
+      const { from_m, to_m } = target;
+      const [from, to] = [mm(withinChain(one, from_m), 0), mm(withinChain(one, to_m), 0)];
+      const text = t("viewer.label.part", { id: one.id, from, to });
+      const middle = new Vector3().fromArray(pointAt(one, (from_m + to_m) / 2).point);
+      group.add(markPiece(one, target, palette.accent), pin(middle, one.radius_m, palette.accent, text));
       break;
     }
     case "crossing": {
@@ -74,6 +85,11 @@ export function whereIs(target: Target, content: Content): { point: Vector3; aro
       const point = points.reduce((sum, one) => sum.add(one), new Vector3()).divideScalar(points.length || 1);
       return { point, around_m: Math.max(...points.map((one) => one.distanceTo(point))) };
     }
+    case "part": {
+      const { chain, from_m, to_m } = target;
+      const where = spot(chain, (from_m + to_m) / 2);
+      return where && { ...where, around_m: Math.max(where.around_m, (to_m - from_m) / 2) };
+    }
     case "crossing": {
       const crossing = content.model?.crossings.find((one) => one.id === target.id);
       return crossing ? spot(crossing.over.chain, crossing.over.s_m) : null;
@@ -105,10 +121,10 @@ function markPoint(chain: Chain, s_m: number, colour: Color): Group {
   return group;
 }
 
-function markChain(chain: Chain, colour: Color): Group {
+function markPiece(chain: Chain, { from_m, to_m }: Piece, colour: Color): Group {
   const group = new Group();
   const material = new MeshBasicMaterial({ color: colour, transparent: true, opacity: 0.35, depthWrite: false });
-  group.add(new Mesh(tube(chain, { from_m: 0, to_m: chain.length_m }, 1.9 * chain.radius_m), material));
+  group.add(new Mesh(tube(chain, { from_m, to_m }, 1.9 * chain.radius_m), material));
   return group;
 }
 

@@ -45,6 +45,7 @@ export type Target =
   | { kind: "point"; chain: number; s_m: number }
   | { kind: "crossing"; id: number }
   | { kind: "chain"; id: number }
+  | { kind: "part"; chain: number; from_m: number; to_m: number }
   | { kind: "view"; index: number }
   | { kind: "at"; point: Point }
   | { kind: "grasp"; index: number };

@@ -12,7 +12,7 @@ import type { Chain, Model } from "./scene";
 import { colourAt, directionAt, tube } from "./tubes";
 
 const UP = new Vector3(0, 0, 1);
-/** In string radii: the bridge of a gap, the ball at an end, the ring at an unobserved end, a cone. */
+/** In string radii: the bridge of a gap, the ball at an end, the ring at an end that is not free, a cone. */
 const [GHOST, BALL, RING, CONE] = [0.25, 1.5, 2.2, 1.4];
 const CONES_APART_M = 0.06;
 
@@ -106,8 +106,8 @@ function drawEnds(chain: Chain, palette: Palette): Group {
         ? { brief, detail: t(`viewer.label.${name}`), kind: "chain" }
         : {
             brief: t("viewer.label.string_uncertain", { id: chain.id }),
-            detail: t(`viewer.label.${name}_unobserved`),
-            kind: "chain unseen",
+            detail: t(`viewer.label.${name}_${end}`),
+            kind: `chain ${end}`,
           };
     group.add(...(end === "free" ? ball(chain, s, palette) : ring(chain, s, palette)));
     group.add(label({ ...text, rank: 1 + which, ...named }, at(chain, s)));
@@ -115,7 +115,7 @@ function drawEnds(chain: Chain, palette: Palette): Group {
   return group;
 }
 
-/** Draw an observed end: a full ball. */
+/** Draw a free end: a full ball. */
 function ball(chain: Chain, s: number, palette: Palette): Mesh[] {
   const shape = new SphereGeometry(BALL * chain.radius_m, 20, 12);
   const material = new MeshLambertMaterial({ color: colourAt(chain, s) });
@@ -124,7 +124,7 @@ function ball(chain: Chain, s: number, palette: Palette): Mesh[] {
   return meshes;
 }
 
-/** Draw an unobserved end: an open ring. */
+/** Draw an unobserved or touching end: an open ring. */
 function ring(chain: Chain, s: number, palette: Palette): Mesh[] {
   const r = chain.radius_m;
   const mesh = new Mesh(new TorusGeometry(RING * r, 0.35 * r, 8, 28), new MeshBasicMaterial({ color: palette.warn }));
