@@ -155,26 +155,124 @@ def test_methods_are_compared(open_console: Open, crossed: ServedClient, finishe
     expect(row).to_have_count(0)
 
 
-def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: ServedClient) -> None:
-    """The warning has the form that recognition uses; `tests/recognition` tests that form."""
-    opened = open_console(crossed)
-    page = opened.page
-    where = "at (360, 0, 4) mm"
-    warning = f"something of 12 mm {where} is above the table and in no chain"
+VERDICTS = {
+    "accept": ("good", "There are no doubts about this result."),
+    "review": ("warn", "There are doubts about this result."),
+    "refuse": ("bad", "This result must not be used."),
+}
+"""The style and the text of each verdict."""
 
-    def with_finding(route: Route) -> None:
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_shows_the_verdict_and_the_most_serious_findings_first(
+    open_console: Open, crossed: ServedClient, verdict: str
+) -> None:
+    page = open_console(crossed).page
+    findings = [
+        {"code": "sharp-bend", "severity": "blocking", "message": "one thing blocks"},
+        {"code": "table-not-covered", "severity": "doubt", "message": "one thing is in doubt"},
+        {"code": "more-pieces", "severity": "note", "message": "one thing was set aside"},
+    ]
+    first = {"accept": 2, "review": 1, "refuse": 0}[verdict]
+
+    def with_verdict(route: Route) -> None:
         model = json.loads(route.fetch().body())
-        model["quality"]["warnings"] = [warning, "nothing that has a place"]
+        model["quality"] |= {"verdict": verdict, "findings": findings[first:]}
+        model["chains"][0] |= {"trust": verdict, "trusted_m": [(0.0, 0.1)]}
+        model["crossings"][0]["trust"] = verdict
         route.fulfill(json=model)
 
-    page.route("**/model", with_finding)
+    page.route("**/model", with_verdict)
+    page.keyboard.press("2")
+    region = page.get_by_role("region", name="Findings")
+    tone, text = VERDICTS[verdict]
+    expect(region.locator("p").first).to_contain_text(text)
+    expect(region.locator("p").first).to_have_class(f"note {tone}")
+    region.locator("summary", has_text="1 note").click()
+    expect(region.locator("li")).to_have_text(
+        ["One thing blocks.", "One thing is in doubt.", "One thing was set aside."][first:]
+    )
+    expect(region.get_by_role("button")).to_have_count(0)  # no finding has a position
+    string = page.get_by_role("button", name=re.compile("^String 0: "))
+    in_words = {"accept": "✓ no doubts", "review": "in doubt; 100 mm of", "refuse": "do not use"}[verdict]
+    expect(string.locator(f".trust.{tone}")).to_contain_text(in_words)
+    crossing = page.get_by_role("button", name="lies over")
+    expect(crossing.locator(".trust")).to_have_count(0 if verdict == "accept" else 1)
+
+
+def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: ServedClient) -> None:
+    """The position comes from the members of a finding, not from its message."""
+    page = open_console(crossed).page
+    length_m = original_model(crossed)["chains"][0]["length_m"]
+    marked = {
+        "a crossing": ({"chains": [0], "crossing": 0, "point_m": (0.3, 0.0, 0.0)}, "0over"),
+        "a part": ({"chains": [0], "s_range_m": (0.02, 0.05)}, "string 0, 20 mm to 50 mm"),
+        "an end": ({"chains": [0], "end": "last"}, f"string 0 at {length_m * 1000:.1f} mm"),
+        "a point": ({"point_m": (0.36, 0.0, 0.004)}, "(360.0, 0.0, 4.0) mm"),
+        "a view": ({"chains": [0], "view": 2}, "view 2"),
+    }
+    without_position: dict[str, dict[str, Any]] = {
+        "the whole model": {},
+        "a chain that is not in the model": {"chains": [7]},
+        "a view without a camera pose": {"view": 99},
+    }
+    findings = [
+        {"code": "any", "severity": "doubt", "message": message} | members
+        for message, members in ({name: members for name, (members, _) in marked.items()} | without_position).items()
+    ]
+
+    def with_findings(route: Route) -> None:
+        model = json.loads(route.fetch().body())
+        model["quality"] |= {"verdict": "review", "findings": findings}
+        route.fulfill(json=model)
+
+    page.route("**/model", with_findings)
     page.keyboard.press("2")
     wait_until_drawn(page)
-    expect(page.get_by_text("2 findings to read before you grasp")).to_be_visible()
-    before = frame_count(page)
-    page.get_by_role("button", name="Something of 12 mm").click()
-    wait_until(lambda: frame_count(page) > before)
-    expect(page.locator(".label3d.marked")).to_be_visible()
+    expect(page.get_by_role("heading", name="8 doubts to read before you grasp")).to_be_visible()
+    region = page.get_by_role("region", name="Findings")
+    expect(region.get_by_role("button")).to_have_count(len(marked))
+    for message, (_, label) in marked.items():
+        before = frame_count(page)
+        region.get_by_role("button", name=f"{message.capitalize()}.", exact=True).click()
+        wait_until(lambda before=before: frame_count(page) > before)
+        expect(page.locator(".label3d.marked")).to_contain_text(label)
+
+
+def as_schema_1(model: dict[str, Any]) -> dict[str, Any]:
+    """Return a model in the form of schema `pointchain/1`, with one end that was not observed."""
+    quality = {"ambiguities": ["which strand is over is not certain"], "warnings": ["view 3 was not used"]}
+    views = [{name: value for name, value in view.items() if name != "code"} for view in model["quality"]["views"]]
+
+    def without(elements: list[dict[str, Any]], *names: str) -> list[dict[str, Any]]:
+        return [{name: value for name, value in element.items() if name not in names} for element in elements]
+
+    return model | {
+        "schema": "pointchain/1",
+        "chains": [chain | {"ends": ["unseen", "free"]} for chain in without(model["chains"], "trust", "trusted_m")],
+        "crossings": without(model["crossings"], "trust"),
+        "grasps": without(model["grasps"], "trusted"),
+        "quality": quality | {"views": views},
+    }
+
+
+def test_a_result_of_an_earlier_release_is_shown_with_doubts(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed).page
+    page.route("**/model", lambda route: route.fulfill(json=as_schema_1(json.loads(route.fetch().body()))))
+    page.keyboard.press("2")
+    wait_until_drawn(page)
+    expect(page.get_by_text("This result comes from an earlier release.")).to_be_visible()
+    region = page.get_by_role("region", name="Findings")
+    expect(region).to_contain_text("There are doubts about this result.")
+    expect(region).to_contain_text("2 doubts to read before you grasp")
+    expect(region.locator("li")).to_have_text(["Which strand is over is not certain.", "View 3 was not used."])
+    expect(region.locator(".good")).to_have_count(0)
+    string = page.get_by_role("button", name=re.compile("^String 0: "))
+    expect(string).to_contain_text("ends unobserved and free")
+    expect(string.locator(".trust.warn")).to_contain_text("in doubt; 0 mm of")
+    expect(page.locator(".label3d.unobserved")).to_have_count(1)
+    expect(page.locator(".targets .trust.good")).to_have_count(0)
+    expect(page.get_by_role("button", name=re.compile("fingers .* in doubt$"))).to_have_count(5)
 
 
 def test_the_page_reports_that_no_scan_has_a_result(open_console: Open, serve: Serve, tmp_path: Path) -> None:
@@ -187,13 +285,14 @@ def test_the_page_reports_that_no_scan_has_a_result(open_console: Open, serve: S
 def test_the_page_explains_why_no_string_was_found(open_console: Open, crossed: ServedClient) -> None:
     opened = open_console(crossed)
     page = opened.page
-    warning = "no string of radius 15.0 mm found: nothing above the table is long, round and about as thick"
+    message = "no string of radius 15.0 mm found: nothing above the table is long, round and about as thick"
+    finding = {"code": "no-string-found", "severity": "note", "message": message}
 
     def without_strings(route: Route) -> None:
         document = json.loads(route.fetch().body())
         if "chains" in document:
             document |= {"chains": [], "crossings": [], "grasps": []}
-            document["quality"] |= {"warnings": [warning], "ambiguities": []}
+            document["quality"] |= {"verdict": "accept", "findings": [finding]}
         else:
             document |= {"string_radius_m": 0.015, "summary": document["summary"] | {"chains": 0, "crossings": 0}}
         route.fulfill(json=document)
