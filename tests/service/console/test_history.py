@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import httpx2
@@ -15,6 +16,7 @@ from service.jobs.submission import NOBODY, new_scan
 from service.problems.document import problem_document
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
+from tests.service.security.conftest import without_recognition
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -138,3 +140,46 @@ def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(past: Serve
     rows = page.get_by_role("list", name="Scans").get_by_role("button", expanded=True)
     expect(rows).to_have_count(1)
     expect(page.get_by_role("group").get_by_text(old.id)).to_be_visible()
+
+
+OUTCOMES = [
+    ("succeeded", "accept", 1, "good", "Done"),
+    ("partial", "accept", 1, "warn", "Done, views are missing"),
+    ("succeeded", "review", 0, "warn", "No string found"),
+    ("succeeded", "refuse", 1, "bad", "Do not use"),
+    ("partial", "refuse", 1, "bad", "Do not use"),
+    ("partial", "review", 1, "warn", "Done, with doubts, views are missing"),
+    ("succeeded", "review", 1, "warn", "Done, with doubts"),
+]
+"""State, verdict and number of strings of a scan, and the style and the text of its badge."""
+
+
+def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Serve, tmp_path: Path) -> None:
+    findings = [{"code": "sharp-bend", "severity": "blocking", "message": "one thing blocks"}]
+    findings += [{"code": "possible-bar", "severity": "doubt", "message": f"doubt {number}"} for number in range(4)]
+    counts = {"crossings": 0, "doubt_count": 22, "note_count": 3}
+    with without_recognition(serve, tmp_path) as client:
+        for state, verdict, strings, _, _ in OUTCOMES:
+            doubts = {"doubts": [], "doubt_count": 0} if verdict == "accept" else {"doubts": findings}
+            summary = counts | {"chains": strings, "verdict": verdict} | doubts
+            scan = replace(new_scan("live", "graph", None, NOBODY), state=state, summary=summary)
+            client.app.state.context.store.scans.add(scan)
+        opened = open_console(client, "#/history")
+        opened.allow_errors("404|500")  # the scans have no thumbnails
+        page = opened.page
+        rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
+        expect(rows).to_have_count(len(OUTCOMES))
+        for row, (_, _, _, tone, word) in zip(rows.all(), reversed(OUTCOMES), strict=True):
+            expect(row.locator(".badge")).to_have_class(f"badge {tone}")
+            expect(row.locator(".badge")).to_have_text(re.compile(rf"^\S {word}$"))
+
+        page.keyboard.press("1")
+        last = page.get_by_role("region", name="The last scan")
+        expect(last.locator(".badge")).to_have_text("▲ Done, with doubts")
+        expect(last.locator(".badge")).to_have_class("badge warn")
+        expect(last.locator(".note:visible")).to_have_text(
+            ["⬣ One thing blocks.", "▲ Doubt 0.", "▲ Doubt 1.", re.compile("^17 further doubts are not listed here")]
+        )
+        last.locator("summary", has_text="2 more doubts").click()
+        expect(last.get_by_text("Doubt 3.")).to_be_visible()
+        page.close()  # before its service ends
