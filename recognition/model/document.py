@@ -332,9 +332,13 @@ class FindingDocument(_Document):
     """Id of the crossing that the finding concerns."""
     end: Which | SkipJsonSchema[None] = _optional()
     """End of the chain that the finding concerns."""
-    s_range_m: Annotated[Interval, ROUNDED_EACH] | SkipJsonSchema[None] = _optional()
+    s_range_m: Annotated[list[float], Field(min_length=2, max_length=2), ROUNDED_EACH] | SkipJsonSchema[None] = (
+        _optional()
+    )
     """Part of the chain that the finding concerns, as arc lengths, metres. It may exceed the length of a ring."""
-    point_m: Annotated[Point, ROUNDED_EACH] | SkipJsonSchema[None] = _optional()
+    point_m: Annotated[list[float], Field(min_length=3, max_length=3), ROUNDED_EACH] | SkipJsonSchema[None] = (
+        _optional()
+    )
     """Position, metres, base frame."""
     view: int | SkipJsonSchema[None] = _optional()
     """Index of the view that the finding concerns."""
@@ -345,7 +349,13 @@ class FindingDocument(_Document):
 
     def to_finding(self) -> Finding:
         """Return the finding."""
-        return Finding(**self._values(Finding, chains=self.chains or ()))
+        values = self._values(
+            Finding,
+            chains=self.chains or (),
+            s_range_m=None if self.s_range_m is None else tuple(self.s_range_m),
+            point_m=None if self.point_m is None else tuple(self.point_m),
+        )
+        return Finding(**values)
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:

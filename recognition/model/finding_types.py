@@ -28,7 +28,7 @@ FindingCode = Literal[
     "table-not-covered",
     "scene-changed",
     "calibration-drift",
-    "pointchain-1-message",
+    "pointchain-1",
     "end-at-border",
     "radius-smaller",
     "radius-larger",
@@ -144,8 +144,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "possible-string": FindingType(
         severity="doubt",
         scope="model",
-        meaning="A long piece was excluded because too few views saw it. It may be a string.",
-        action="Scan again from more views. The chains of the model are not affected.",
+        meaning="A piece was excluded that may be a string: too few views saw it, or it has another radius.",
+        action="Check the radius, and give that of the thinnest string. Otherwise scan again from more views.",
         value="length of the piece, m",
     ),
     "table-not-covered": FindingType(
@@ -168,11 +168,11 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Calibrate again. Until then, all positions may be shifted.",
         value="distance from the calibrated pose, in sigmas of a good calibration",
     ),
-    "pointchain-1-message": FindingType(
+    "pointchain-1": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The document has the schema `pointchain/1`, whose messages have no code. The message may be harmless.",
-        action="Recognise the scan again, or let a person read the message.",
+        meaning="The model has the schema `pointchain/1`. Fewer checks were made, and its messages have no codes.",
+        action="Recognise the scan again, or let a person read the messages.",
     ),
     "end-at-border": FindingType(
         severity="note",

@@ -4,13 +4,17 @@ from collections.abc import Mapping
 from typing import Any
 
 SCHEMA_1 = "pointchain/1"
+CODE = "pointchain-1"
+"""Code of the findings of a converted document."""
+REASON = "the model is of an earlier release (schema pointchain/1), which made fewer checks; recognise the scan again"
 
 
 def convert(document: Mapping[str, Any]) -> dict[str, Any]:
     """Return a document of schema `pointchain/1` in the form of `pointchain/2`.
 
-    Each message becomes a doubt about all chains, because its importance is not known. The ids and directions of the
-    chains stay as they are. They are not canonical.
+    All chains get a doubt that names the schema, because the checks of `pointchain/2` were not made. Each message
+    becomes a further doubt, because its importance is not known. The ids and directions of the chains stay as they are.
+    They are not canonical.
 
     Args:
         document: Document of schema `pointchain/1`, a model or an error. It is not checked, and not changed.
@@ -26,10 +30,8 @@ def convert(document: Mapping[str, Any]) -> dict[str, Any]:
     messages = [*quality["ambiguities"], *quality["warnings"]]
     chains = [chain["id"] for chain in document["chains"]]
     findings = [
-        {"code": "pointchain-1-message", "severity": "doubt", "message": message, "chains": chains}
-        for message in messages
+        {"code": CODE, "severity": "doubt", "message": message, "chains": chains} for message in (REASON, *messages)
     ]
-    verdict = "review" if messages else "accept"
     topology = document["topology"]
     elements = [_renamed(element, "end", _end) for element in topology["p_data"]["elements"]]
     return {
@@ -38,16 +40,16 @@ def convert(document: Mapping[str, Any]) -> dict[str, Any]:
         "chains": [
             {
                 **_renamed(chain, "ends", lambda ends: [_end(end) for end in ends]),
-                "trust": verdict,
-                "trusted_m": [] if messages else [(0.0, chain["length_m"])],
+                "trust": "review",
+                "trusted_m": [],
             }
             for chain in document["chains"]
         ],
-        "crossings": [{**crossing, "trust": verdict} for crossing in document["crossings"]],
+        "crossings": [{**crossing, "trust": "review"} for crossing in document["crossings"]],
         "topology": {**topology, "p_data": {**topology["p_data"], "elements": elements}},
-        "grasps": [{**grasp, "trusted": not messages} for grasp in document["grasps"]],
+        "grasps": [{**grasp, "trusted": False} for grasp in document["grasps"]],
         "quality": {
-            "verdict": verdict,
+            "verdict": "review",
             "findings": findings,
             "views": [{"code": None, **view} for view in quality["views"]],
         },

@@ -1,5 +1,6 @@
 """Classification of fitted strands: separates strings from edges of objects, folds and noise."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,6 +62,14 @@ MIN_SUPPORTED_SHARE = 0.5
 """Minimum share of well-supported points (see `MIN_STRING_SUPPORT_SHARE`) in a string."""
 MIN_STRING_SUPPORT_SHARE = 0.25
 """Minimum support of a well-supported point, as a share of the median support of the longest string."""
+BESIDE_RADII = (2.0, 3.0)
+"""Distances from the centre line, in radii, between which other surface lies beside a strand."""
+MAX_BESIDE_SHARE = 0.5
+"""Maximum share of a strand that lies alone with other surface beside it.
+
+An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
+with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +79,7 @@ class StringClassification:
     strings: tuple[FittedStrand, ...]
     """Strings and their points, in the order of the model."""
     findings: tuple[Finding, ...]
-    """Findings on the excluded strands, the longest strand first."""
+    """Findings on the excluded strands: first those that may be strings, then the others, each the longest first."""
 
 
 def classify_strings(
@@ -88,12 +97,14 @@ def classify_strings(
         table_z_m: Height of the table, metres, base frame.
 
     Returns:
-        The strings in the order of the model, and the findings on the excluded strands.
+        The strings in the order of the model, and the findings on the excluded strands. An excluded strand that may be
+        a string gives a doubt: a long one that was hardly seen, and one that lies alone on the table, unless it is
+        certainly square.
     """
     strands = refinement.strands
     on_tube_shares = _on_tube_shares(refinement, surface, parameters.r)
     kept: list[int] = []
-    possible, excluded = [], []
+    excluded: list[tuple[int, FindingCode, str]] = []
     lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
         strand, length = strands[k], lengths[k]
@@ -103,8 +114,6 @@ def classify_strings(
         code: FindingCode
         if length < MIN_LENGTH_RADII * parameters.r:
             code, reason = "piece-too-short", "too short to be distinguished from noise"
-        elif not is_supported and length >= MIN_POSSIBLE_STRING_RADII * parameters.r:
-            code, reason = "possible-string", "hardly seen, so it may be a string"
         elif not is_supported:
             code, reason = "piece-hardly-seen", "hardly seen"
         elif not is_round:
@@ -114,11 +123,26 @@ def classify_strings(
         else:
             kept.append(k)
             continue
-        (possible if code == "possible-string" else excluded).append(
-            excluded_piece(code, strand.points, length, reason)
-        )
-    strings = sorted((_orient(strands[k]) for k in kept), key=lambda string: order_key(string.points, string.closed))
-    return StringClassification(tuple(strings), (*possible, *shortened(excluded)))
+        excluded.append((k, code, reason))
+    kept_strands = [strands[k] for k in kept]
+    possible, pieces = [], []
+    for k, code, reason in excluded:
+        strand, length = strands[k], lengths[k]
+        match code:
+            case "piece-too-short":
+                may_be_string = False
+            case "piece-hardly-seen":
+                may_be_string = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
+            case _:
+                is_tube = on_tube_shares[k] >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
+                may_be_string = is_tube and _lies_alone(strand, kept_strands, surface, parameters.r)
+        if may_be_string:
+            message = f"{reason}, but it may be a string: check the radius"
+            possible.append(excluded_piece("possible-string", strand.points, length, message))
+        else:
+            pieces.append(excluded_piece(code, strand.points, length, reason))
+    strings = sorted(map(_orient, kept_strands), key=lambda string: order_key(string.points, string.closed))
+    return StringClassification(tuple(strings), (*possible, *shortened(pieces)))
 
 
 def max_squareness(strand: FittedStrand) -> float:
@@ -127,9 +151,29 @@ def max_squareness(strand: FittedStrand) -> float:
 
 
 def _is_round(strand: FittedStrand, r: float) -> bool:
-    is_circular = strand.roundness_error_m <= MAX_ROUNDNESS_ERROR * max(strand.radius_m, r)
-    is_square = strand.squareness > max(MAX_SQUARENESS, UNCERTAIN_SIGMAS * strand.squareness_sigma)
-    return is_circular and not is_square
+    return strand.roundness_error_m <= MAX_ROUNDNESS_ERROR * max(strand.radius_m, r) and not _is_square(strand)
+
+
+def _is_square(strand: FittedStrand) -> bool:
+    return strand.squareness > max(MAX_SQUARENESS, UNCERTAIN_SIGMAS * strand.squareness_sigma)
+
+
+def _is_certainly_square(strand: FittedStrand) -> bool:
+    return strand.squareness - UNCERTAIN_SIGMAS * strand.squareness_sigma > MAX_SQUARENESS
+
+
+def _lies_alone(strand: FittedStrand, kept: Sequence[FittedStrand], surface: NDArray[np.float64], r: float) -> bool:
+    """Return whether hardly any surface lies beside a strand, apart from the surface of the kept strands."""
+    radius = max(strand.radius_m, r)
+    distance, _ = KDTree(strand.points).query(surface, distance_upper_bound=2 * BESIDE_RADII[1] * radius)
+    beside = surface[np.isfinite(distance) & (np.asarray(distance) > BESIDE_RADII[0] * radius)]
+    if kept and len(beside):
+        tree = KDTree(np.vstack([other.points for other in kept]))
+        reach = BESIDE_RADII[0] * max(r, *(other.radius_m for other in kept))
+        beside = beside[tree.query(beside)[0] > reach]
+    if len(beside) == 0:
+        return True
+    return float(np.mean(KDTree(beside).query(strand.points)[0] < BESIDE_RADII[1] * radius)) <= MAX_BESIDE_SHARE
 
 
 def _is_in_table(strand: FittedStrand, table_z_m: float) -> bool:

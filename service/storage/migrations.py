@@ -134,7 +134,7 @@ UPDATE scans SET summary = json_object(
         'chains', json_extract(summary, '$.chains'), 'crossings', json_extract(summary, '$.crossings'),
         'verdict', 'review',
         'doubts', (SELECT json_group_array(json_object(
-            'code', 'pointchain-1-message', 'severity', 'doubt', 'message', value))
+            'code', 'pointchain-1', 'severity', 'doubt', 'message', value))
             FROM json_each(summary, '$.warnings')),
         'doubt_count', json_array_length(summary, '$.warnings'), 'note_count', 0,
         'partial', json(CASE json_extract(summary, '$.partial') WHEN 1 THEN 'true' ELSE 'false' END))
@@ -143,7 +143,7 @@ UPDATE events SET data = json_set(data, '$.summary', json_object(
         'chains', json_extract(data, '$.summary.chains'), 'crossings', json_extract(data, '$.summary.crossings'),
         'verdict', 'review',
         'doubts', (SELECT json_group_array(json_object(
-            'code', 'pointchain-1-message', 'severity', 'doubt', 'message', value))
+            'code', 'pointchain-1', 'severity', 'doubt', 'message', value))
             FROM json_each(data, '$.summary.warnings')),
         'doubt_count', json_array_length(data, '$.summary.warnings'), 'note_count', 0,
         'partial', json(CASE json_extract(data, '$.summary.partial') WHEN 1 THEN 'true' ELSE 'false' END)))

@@ -18,25 +18,7 @@ export type CellGeometry = components["schemas"]["CellGeometry"];
 export type Plan = components["schemas"]["PlanDocument"];
 export type Method = Scan["method"];
 export type Verdict = Model["quality"]["verdict"];
-
-/** One statement about a model. The service's description does not list its members. */
-export type Finding = {
-  code: string;
-  severity: "note" | "doubt" | "blocking";
-  message: string;
-  /** Ids of the chains that it concerns. */
-  chains?: number[];
-  /** Id of the crossing that it concerns. */
-  crossing?: number;
-  /** End of the only chain. */
-  end?: "first" | "last";
-  /** Part of the only chain, as arc lengths, metres. It may exceed the length of a closed chain. */
-  s_range_m?: [number, number];
-  /** Position, metres, base frame. */
-  point_m?: [number, number, number];
-  /** Index of the view that it concerns. */
-  view?: number;
-};
+export type Finding = components["schemas"]["FindingDocument"];
 
 /** The service's calls, typed by its description. */
 export const api = createClient<paths>({ fetch: (call) => request(call), headers: CONSOLE_HEADERS });

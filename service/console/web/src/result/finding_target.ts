@@ -9,10 +9,12 @@ export function findingTarget(finding: Finding, model: Model, views: readonly Vi
   }
   if (view !== undefined && views.some(({ index }) => index === view)) return { kind: "view", index: view };
   const chain = chains.length === 1 ? model.chains.find(({ id }) => id === chains[0]) : undefined;
-  if (chain === undefined) return point_m === undefined ? null : { kind: "at", point: point_m };
-  if (s_range_m !== undefined) {
-    return { kind: "part", chain: chain.id, from_m: s_range_m[0], to_m: s_range_m[1] };
+  if (chain === undefined) {
+    const [x, y, z] = point_m ?? [];
+    return x === undefined || y === undefined || z === undefined ? null : { kind: "at", point: [x, y, z] };
   }
+  const [from_m, to_m] = s_range_m ?? [];
+  if (from_m !== undefined && to_m !== undefined) return { kind: "part", chain: chain.id, from_m, to_m };
   if (end !== undefined) return { kind: "point", chain: chain.id, s_m: end === "first" ? 0 : chain.length_m };
   return { kind: "chain", id: chain.id };
 }

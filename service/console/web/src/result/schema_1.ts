@@ -22,15 +22,17 @@ export interface Schema1Model extends Omit<Named<Model>, "schema" | "chains" | "
 
 type Schema1End = "free" | "unseen";
 
-/** Return a model of schema `pointchain/1` in the form of `pointchain/2`. Each message becomes a doubt about all chains. */
+/**
+ * Return a model of schema `pointchain/1` in the form of `pointchain/2`. Each message becomes a doubt about all chains.
+ * No chain is trusted, because fewer checks were made.
+ */
 export function fromSchema1(document: Schema1Model): Model {
   const { ambiguities, warnings, views } = document.quality;
   const messages = [...ambiguities, ...warnings];
   const chains = document.chains.map(({ id }) => id);
   const findings = messages.map(
-    (message): Finding => ({ code: "pointchain-1-message", severity: "doubt", message, chains }),
+    (message): Finding => ({ code: "pointchain-1", severity: "doubt", message, chains }),
   );
-  const verdict = messages.length > 0 ? "review" : "accept";
   const { topology } = document;
   const elements = topology.p_data.elements.map(
     (element) => ("end" in element ? { ...element, end: endOf(element.end as Schema1End) } : element) as Element,
@@ -41,13 +43,13 @@ export function fromSchema1(document: Schema1Model): Model {
     chains: document.chains.map((chain) => ({
       ...chain,
       ends: [endOf(chain.ends[0]), endOf(chain.ends[1])],
-      trust: verdict,
-      trusted_m: messages.length > 0 ? [] : [[0, chain.length_m]],
+      trust: "review",
+      trusted_m: [],
     })),
-    crossings: document.crossings.map((crossing) => ({ ...crossing, trust: verdict })),
+    crossings: document.crossings.map((crossing) => ({ ...crossing, trust: "review" })),
     topology: { ...topology, p_data: { ...topology.p_data, elements } },
-    grasps: (document.grasps ?? []).map((grasp) => ({ ...grasp, trusted: messages.length === 0 })),
-    quality: { verdict, findings, views: views.map((view) => ({ ...view, code: null })) },
+    grasps: (document.grasps ?? []).map((grasp) => ({ ...grasp, trusted: false })),
+    quality: { verdict: "review", findings, views: views.map((view) => ({ ...view, code: null })) },
   };
 }
 
