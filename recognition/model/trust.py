@@ -25,6 +25,9 @@ Verdict = Literal["accept", "review", "refuse"]
 """`accept`: act. `review`: act on trusted parts only, scan again, or ask a person. `refuse`: do not act."""
 Interval = tuple[float, float]
 """Arc lengths of the two ends of a part of a chain, metres."""
+ROUNDING_M = 1e-5
+"""Distance below which arc lengths count as equal, metres. Documents round points and arc lengths, and the length of a
+chain that was read from a document therefore differs a little from the parts that concern its end."""
 CROSSING_PART_RADII = 3.0
 """Half length of the part of a chain that a finding on a crossing concerns, in radii: the extent of an intersection."""
 
@@ -52,9 +55,10 @@ class ChainTrust:
         """Return whether no doubtful part overlaps the part of the chain about a position.
 
         Args:
-            s_m: Arc length of the position, metres.
+            s_m: Arc length of the position, metres. Beyond an end of an open chain, the position is the end.
             half_length_m: Half length of the part about the position, metres.
         """
+        s_m = s_m if self.closed else min(max(s_m, 0.0), self.length_m)
         turns = (-self.length_m, 0.0, self.length_m) if self.closed else (0.0,)
         return not any(
             start <= s_m + turn + half_length_m and s_m + turn - half_length_m <= stop
@@ -120,15 +124,15 @@ def _parts(finding: Finding, chain: Chain, crossings: Sequence[Crossing]) -> lis
 def _merged(parts: Sequence[Interval], length: float, closed: bool) -> tuple[Interval, ...]:
     """Return the parts within 0 to `length`, in order and without overlaps. On a closed chain, parts wrap around."""
     turns = (-length, 0.0, length) if closed else (0.0,)
+    turned = [(start + turn, stop + turn) for start, stop in parts for turn in turns]
     clipped = [
-        (max(start + turn, 0.0), min(stop + turn, length))
-        for start, stop in parts
-        for turn in turns
-        if start + turn <= length and stop + turn >= 0.0
+        (start if start > ROUNDING_M else 0.0, stop if stop < length - ROUNDING_M else length)
+        for start, stop in turned
+        if start <= length and stop >= 0.0
     ]
     merged: list[Interval] = []
     for start, stop in sorted(clipped):
-        if merged and start <= merged[-1][1]:
+        if merged and start <= merged[-1][1] + ROUNDING_M:
             merged[-1] = (merged[-1][0], max(stop, merged[-1][1]))
         else:
             merged.append((start, stop))
