@@ -98,7 +98,8 @@ class PointChainModel:
         from recognition.model.schema_1 import SCHEMA_1, convert
 
         try:
-            parsed = ModelDocument.model_validate(convert(document) if document.get("schema") == SCHEMA_1 else document)
+            is_old = isinstance(document, Mapping) and document.get("schema") == SCHEMA_1
+            parsed = ModelDocument.model_validate(convert(document) if is_old else document)
             model = cls(
                 method=cast(Method, parsed.method),
                 parameters=parameters_from_document(parsed.parameters),

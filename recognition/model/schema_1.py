@@ -1,7 +1,9 @@
 """Conversion of documents of schema `pointchain/1`, whose messages have no codes, to `pointchain/2`."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
+
+from recognition.errors import ModelError
 
 SCHEMA_1 = "pointchain/1"
 CODE = "pointchain-1"
@@ -17,48 +19,70 @@ def convert(document: Mapping[str, Any]) -> dict[str, Any]:
     They are not canonical.
 
     Args:
-        document: Document of schema `pointchain/1`, a model or an error. It is not checked, and not changed.
+        document: Document of schema `pointchain/1`, a model or an error. It is not changed. Only the members that the
+            conversion needs are checked.
 
     Raises:
-        KeyError: A member is missing.
-        TypeError: A member has another type than in `pointchain/1`.
-        AttributeError: A member has another type than in `pointchain/1`.
+        ModelError: A member that the conversion needs is missing, or it has another type than in `pointchain/1`.
     """
     if "error" in document:
         return dict(document)
+    try:
+        return _converted(document)
+    except KeyError as error:
+        raise ModelError(f"not a point chain model: the member {error} is missing") from error
+    except (TypeError, AttributeError) as error:
+        raise ModelError(f"not a point chain model: {error}") from error
+
+
+def _converted(document: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a model of schema `pointchain/1` in the form of `pointchain/2`."""
     quality = document["quality"]
-    messages = [*quality["ambiguities"], *quality["warnings"]]
-    chains = [chain["id"] for chain in document["chains"]]
+    messages = [*_list(quality, "ambiguities"), *_list(quality, "warnings")]
+    chains = [chain["id"] for chain in _list(document, "chains")]
     findings = [
         {"code": CODE, "severity": "doubt", "message": message, "chains": chains} for message in (REASON, *messages)
     ]
     topology = document["topology"]
-    elements = [_renamed(element, "end", _end) for element in topology["p_data"]["elements"]]
+    elements = [_renamed(element, "end", _end) for element in _list(topology["p_data"], "elements")]
     return {
         **document,
         "schema": "pointchain/2",
         "chains": [
             {
-                **_renamed(chain, "ends", lambda ends: [_end(end) for end in ends]),
+                **_renamed(chain, "ends", _ends),
                 "trust": "review",
                 "trusted_m": [],
             }
             for chain in document["chains"]
         ],
-        "crossings": [{**crossing, "trust": "review"} for crossing in document["crossings"]],
+        "crossings": [{**crossing, "trust": "review"} for crossing in _list(document, "crossings")],
         "topology": {**topology, "p_data": {**topology["p_data"], "elements": elements}},
-        "grasps": [{**grasp, "trusted": False} for grasp in document["grasps"]],
+        "grasps": [{**grasp, "trusted": False} for grasp in _list(document, "grasps")],
         "quality": {
             "verdict": "review",
             "findings": findings,
-            "views": [{"code": None, **view} for view in quality["views"]],
+            "views": [{"code": None, **view} for view in _list(quality, "views")],
         },
     }
 
 
-def _renamed(members: Mapping[str, Any], name: str, rename: Any) -> dict[str, Any]:
+def _renamed(members: Mapping[str, Any], name: str, rename: Callable[[Any], Any]) -> dict[str, Any]:
     """Return the members, with `rename` applied to the member `name` if there is one."""
     return {key: rename(value) if key == name else value for key, value in members.items()}
+
+
+def _list(members: Mapping[str, Any], name: str) -> list[Any]:
+    """Return the member `name`, or raise TypeError if it is not a list."""
+    value = members[name]
+    if not isinstance(value, list | tuple):
+        raise TypeError(f"the member {name!r} must be a list")
+    return list(value)
+
+
+def _ends(ends: Any) -> Any:
+    """Return the kinds of the two ends of a chain in `pointchain/2`."""
+    return [_end(end) for end in ends] if isinstance(ends, list | tuple) else ends
 
 
 def _end(end: Any) -> Any:
