@@ -85,6 +85,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="part",
         meaning="The strands that meet here may be connected differently.",
         action="Do not rely on the order of the chain beyond this part. Scan again from more views.",
+        value="margin of this connection over the next best one, squared sigmas",
     ),
     "crossing-undecided": FindingType(
         severity="doubt",
