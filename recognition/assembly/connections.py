@@ -49,8 +49,17 @@ def connection_findings(pairs: Iterable[AmbiguousPair], chains: Sequence[Chain])
 
 
 def _parts_near(chain: Chain, point: NDArray[np.float64], distance_m: float) -> list[tuple[float, float]]:
-    """Return the parts of a chain that lie within a distance of `point` (3,), as arc lengths, metres."""
+    """Return the parts of a chain that lie within a distance of `point` (3,), as arc lengths, metres.
+
+    On a closed chain, a part across the first point is one part. It exceeds the length of the chain.
+    """
     is_near = np.linalg.norm(chain.points - point, axis=1) <= distance_m
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_near, [False]])))
     s = chain.arc_length_m
-    return [(float(s[start]), float(s[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    parts = [(float(s[start]), float(s[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    if not (chain.closed and is_near[0] and is_near[-1]):
+        return parts
+    if len(parts) == 1:
+        return [(0.0, chain.length_m)]
+    first, *others, last = parts
+    return [*others, (last[0], chain.length_m + first[1])]
