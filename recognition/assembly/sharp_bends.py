@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from recognition.geometry.polyline import unit_vectors
+from recognition.geometry.polyline import arc_length, unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
@@ -31,11 +31,13 @@ def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
         step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
         if len(chain.points) <= 2 * step:
             continue
-        directions = unit_vectors(chain.points[step:] - chain.points[:-step])
+        # The bends of a closed chain include the bends at its first and its last points.
+        line = np.vstack([chain.points, chain.points[: 2 * step]]) if chain.closed else chain.points
+        directions = unit_vectors(line[step:] - line[:-step])
         cosine = (directions[step:] * directions[:-step]).sum(axis=1)
         sharpest = int(cosine.argmin())
         if cosine[sharpest] < np.cos(MAX_BEND_RAD):
-            point, s = chain.points[sharpest + step], chain.arc_length_m
+            point, s = line[sharpest + step], arc_length(line)
             message = (
                 f"chain {chain.id} bends sharply at {format_position(point)}: it may have taken the wrong strand at a "
                 "crossing"
