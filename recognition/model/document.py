@@ -28,14 +28,14 @@ ELEMENT_KINDS: dict[type[Element], str] = {EndElement: "end", CrossingElement: "
 
 
 def _rounded(decimals: int) -> BeforeValidator:
-    """Return a validator that rounds numbers, and turns arrays into rounded lists."""
+    """Return a validator that rounds numbers, and turns arrays into rounded lists. -0.0 becomes 0.0."""
 
     def to_json_values(value: Any) -> Any:
         match value:
             case np.ndarray():
-                return value.round(decimals).tolist()
+                return (value.round(decimals) + 0).tolist()
             case float():
-                return round(value, decimals)
+                return round(value, decimals) + 0
         return value
 
     return BeforeValidator(to_json_values)
@@ -52,12 +52,12 @@ def _pose_rows(value: Any) -> Any:
 
 
 def _round_each(values: Any) -> Any:
-    """Round each number of a sequence, and of the sequences in it, to a micrometre. None stays None."""
+    """Round each number of nested sequences to a micrometre. None stays None, and -0.0 becomes 0.0."""
     match values:
         case list() | tuple():
             return [_round_each(value) for value in values]
         case float():
-            return round(values, 6)
+            return round(values, 6) + 0
     return values
 
 
