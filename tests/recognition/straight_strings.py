@@ -5,6 +5,7 @@ import numpy as np
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
 from recognition.model.chains import Chain, Crossing, Grasp
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
@@ -37,8 +38,13 @@ def grasps_of(
     surface: np.ndarray = NOTHING,
     gripper: Gripper = GRIPPER,
     parameters: ChainParameters = PARAMETERS,
-) -> tuple[tuple[Grasp, ...], list[str]]:
-    return find_grasps(chains, crossings, surface, Scene(table_z_m=TABLE_Z), parameters, gripper)
+) -> tuple[tuple[Grasp, ...], tuple[Finding, ...]]:
+    """Return the grasps, and the findings. Each finding must be the note on a chain without a grasp."""
+    found = find_grasps(chains, crossings, surface, Scene(table_z_m=TABLE_Z), parameters, gripper)
+    assert {(note.code, note.severity) for note in found.findings} <= {("no-grasp", "note")}
+    without = {one.id for one in chains} - {grasp.chain for grasp in found.grasps}
+    assert sorted(note.chains for note in found.findings) == [(number,) for number in sorted(without)]
+    return found.grasps, found.findings
 
 
 def finger_points(grasp: Grasp) -> np.ndarray:

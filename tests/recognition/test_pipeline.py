@@ -18,7 +18,9 @@ from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import InsufficientViewsError, InvalidParametersError, NoDepthError
-from recognition.model.model import METHODS, Method
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding
+from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise, stages_of
 from recognition.preprocessing.target_cloud import Scene
@@ -61,6 +63,17 @@ def document(recognition: Recognition) -> dict[str, Any]:
     return read_back
 
 
+def doubts_but_coverage(model: PointChainModel) -> list[Finding]:
+    """Return all doubts but that about the table: three views do not show the whole workspace."""
+    return [found for found in model.quality.doubts if found.code != "table-not-covered"]
+
+
+def runs_backwards(chain: Chain, scan: SimulatedScan) -> bool:
+    """Return whether a chain begins at the last end of the true string."""
+    ends = np.array(scan.truth["curves"][0])[[0, -1]]
+    return bool(np.linalg.norm(ends - chain.points[0], axis=1).argmin() == 1)
+
+
 def test_the_enhanced_method_finds_the_loop(scan: SimulatedScan, result: Callable[[Method], Recognition]) -> None:
     model = result("enhanced").model
     (chain,), (curve,) = model.chains, scan.truth["curves"]
@@ -85,15 +98,14 @@ def test_the_crossing_is_measured(scan: SimulatedScan, result: Callable[[Method]
     (crossing,), (true,) = model.crossings, scan.truth["crossings"]
     np.testing.assert_allclose(crossing.point[:2], true["point"][:2], rtol=0, atol=0.002)
     s_over, s_under = true["over"][1], true["under"][1]
-    # The chain begins at its end of smaller x, whichever that is of the truth.
-    if scan.truth["curves"][0][0] > scan.truth["curves"][0][-1]:
+    if runs_backwards(model.chains[0], scan):
         s_over, s_under = 0.4 - s_over, 0.4 - s_under
     assert crossing.over.s_m == pytest.approx(s_over, abs=0.01)
     assert crossing.under.s_m == pytest.approx(s_under, abs=0.01)
     # 2 r at the crossing itself. It is measured beside the crossing, where the strands are closer.
     assert 0.5 * 0.0084 < crossing.gap_m < 1.1 * 0.0084
     assert crossing.confidence > 0.99
-    assert model.quality.ambiguities == ()
+    assert doubts_but_coverage(model) == []
     roles = [entry[1] for entry in model.gauss_code()[0]]
     assert roles == (["over", "under"] if s_over < s_under else ["under", "over"])
 
@@ -133,14 +145,14 @@ def test_the_graph_method_measures_the_crossing(scan: SimulatedScan, result: Cal
     (crossing,), (true,) = model.crossings, scan.truth["crossings"]
     np.testing.assert_allclose(crossing.point[:2], true["point"][:2], rtol=0, atol=0.002)
     s_over, s_under = true["over"][1], true["under"][1]
-    if scan.truth["curves"][0][0] > scan.truth["curves"][0][-1]:
+    if runs_backwards(model.chains[0], scan):
         s_over, s_under = 0.4 - s_over, 0.4 - s_under
     assert crossing.over.s_m == pytest.approx(s_over, abs=0.004)
     assert crossing.under.s_m == pytest.approx(s_under, abs=0.004)
     # Bridged smoothly, the hidden strand is where it is: 2 r below, to a fifth of that.
     assert crossing.gap_m == pytest.approx(0.0084, rel=0.2)
     assert crossing.confidence > 0.99
-    assert model.quality.ambiguities == ()
+    assert doubts_but_coverage(model) == []
 
 
 def test_the_radius_is_measured_if_it_is_not_given(scan: SimulatedScan, scene: Scene) -> None:
@@ -149,17 +161,21 @@ def test_the_radius_is_measured_if_it_is_not_given(scan: SimulatedScan, scene: S
     assert len(model.chains) == len(model.crossings) == 1
 
 
-def test_a_string_much_thinner_than_the_given_radius_makes_an_ambiguous_model(
-    scan: SimulatedScan, scene: Scene
-) -> None:
-    # The radius is 4.2 mm and 6 mm is given: the chain has the true radius, but the model is ambiguous.
+def test_a_string_much_thinner_than_the_given_radius_gives_a_doubt(scan: SimulatedScan, scene: Scene) -> None:
+    # The radius is 4.2 mm and 6 mm is given: the chain has the true radius, but parts of it may be missing.
     model = recognise(scan.views, ChainParameters.for_radius(0.006), scene).model
     assert model.chains[0].radius_m == pytest.approx(0.0042, rel=0.1)
-    assert any("chain 0 measures 4." in doubt for doubt in model.quality.ambiguities)
-    # If 3 mm is given, the string is found whole, and a warning reports its radius.
+    doubt = next(found for found in model.quality.doubts if found.code == "radius-much-smaller")
+    assert doubt.chains == (0,)
+    assert (doubt.value, doubt.limit) == (pytest.approx(0.0042, rel=0.1), 0.006)
+    assert not model.trusted(0)
+    # If 3 mm is given, the string is found whole, and a note reports its radius.
     model = recognise(scan.views, ChainParameters.for_radius(0.003), scene).model
-    assert model.quality.ambiguities == ()
-    assert any("chain 0 measures 4." in warning for warning in model.quality.warnings)
+    assert doubts_but_coverage(model) == []
+    note = next(found for found in model.quality.findings if found.code == "radius-larger")
+    assert note.chains == (0,)
+    assert (note.value, note.limit) == (pytest.approx(0.0042, rel=0.1), 0.003)
+    assert model.trusted(0)
     assert len(model.crossings) == 1
 
 
@@ -260,9 +276,13 @@ def test_no_string_is_a_valid_empty_model(
     empty = document(recognition)
     assert (empty["chains"], empty["crossings"], empty["grasps"]) == ([], [], [])
     assert empty["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
-    warning, uncovered = empty["quality"]["warnings"]
-    assert warning.startswith("no string of this radius in view")
-    assert "is in fewer than 2 views" in uncovered, "three views do not show the whole workspace"
+    # Three views do not show the whole workspace.
+    uncovered, nothing = empty["quality"]["findings"]
+    assert (nothing["code"], nothing["severity"]) == ("no-string-in-view", "note")
+    assert nothing["message"].startswith("no string of this radius in view")
+    assert (uncovered["code"], uncovered["severity"]) == ("table-not-covered", "doubt")
+    assert "is in fewer than 2 views" in uncovered["message"]
+    assert empty["quality"]["verdict"] == "review"
     assert [view["used"] for view in empty["quality"]["views"]] == [False, False, False]
     assert reported == ["preprocess"]
     assert list(recognition.model.timing_s) == ["preprocess"]
@@ -274,7 +294,12 @@ def test_a_view_without_depth_is_excluded_and_reported(
     views = [scan.views[0], replace(scan.views[1], depth=np.zeros_like(scan.views[1].depth)), scan.views[2]]
     model = recognise(views, table_1, scene).model
     assert [view.used for view in model.quality.views] == [True, False, True]
-    assert model.quality.views[1].reason == "no pixel has a depth"
+    assert (model.quality.views[1].code, model.quality.views[1].reason) == (
+        "view-without-depth",
+        "no pixel has a depth",
+    )
+    (note,) = (found for found in model.quality.findings if found.view is not None)
+    assert (note.code, note.severity, note.view) == ("view-without-depth", "note", 1)
     assert len(model.chains) >= 1
 
 
@@ -308,7 +333,7 @@ def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene, table_1
         recognise(scan.views, table_1, scene, "grpah")  # type: ignore[arg-type]  # the name must be refused, not typed
 
 
-def test_an_end_behind_which_string_was_lost_is_unseen_and_reported(
+def test_an_end_behind_which_string_was_lost_is_unobserved_and_reported(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = np.array(scan.truth["curves"][0][0])
@@ -325,5 +350,9 @@ def test_an_end_behind_which_string_was_lost_is_unseen_and_reported(
     (chain,) = model.chains
     assert chain.length_m < 0.39
     nearer = int(np.argmin(np.linalg.norm(chain.points[[0, -1]] - first, axis=1)))
-    assert (chain.ends[nearer], chain.ends[1 - nearer]) == ("unseen", "free")
-    assert any("is above the table and in no chain" in warning for warning in model.quality.warnings)
+    assert (chain.ends[nearer], chain.ends[1 - nearer]) == ("unobserved", "free")
+    assert any(found.code == "unexplained-surface" for found in model.quality.findings)
+    (doubt,) = (found for found in model.quality.doubts if found.code == "end-unobserved")
+    assert (doubt.chains, doubt.end) == ((0,), ("first", "last")[nearer])
+    assert not model.trusted(0, nearer * chain.length_m)
+    assert model.trusted(0, (1 - nearer) * chain.length_m)

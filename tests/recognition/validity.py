@@ -1,11 +1,14 @@
 """Conditions that every answer of recognition meets."""
 
 import json
+from typing import cast
 
 import numpy as np
 
 from recognition.errors import RecognitionError
 from recognition.model.chains import Chain, StrandPoint
+from recognition.model.finding_types import FINDING_TYPES, FindingCode
+from recognition.model.findings import SEVERITIES, Finding
 from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise, stages_of
 from tests.recognition.invariants import gauss_code_of
@@ -66,6 +69,7 @@ def assert_valid(model: PointChainModel, case: Case) -> None:
         assert 0 <= grasp.score <= 1
     assert [grasp.score for grasp in model.grasps] == sorted((g.score for g in model.grasps), reverse=True)
     assert_valid_quality(model, case)
+    assert_valid_trust(model)
 
 
 def assert_valid_chain(chain: Chain) -> None:
@@ -81,7 +85,7 @@ def assert_valid_chain(chain: Chain) -> None:
     assert (np.diff(chain.arc_length_m) > 0).all()
     assert chain.arc_length_m[-1] <= chain.length_m
     assert 0.0002 < chain.radius_m < 0.05
-    assert set(chain.ends) <= {"free", "unseen"}
+    assert set(chain.ends) <= {"free", "unobserved", "touching"}
 
 
 def assert_on_chain(place: StrandPoint, model: PointChainModel) -> None:
@@ -94,11 +98,41 @@ def assert_valid_quality(model: PointChainModel, case: Case) -> None:
     quality = model.quality
     assert sorted(view.index for view in quality.views) == sorted(view.index for view in case.views)
     for view in quality.views:
-        assert view.used == (view.reason is None)
+        assert view.used == (view.reason is None) == (view.code is None)
         assert view.points >= 0
         figures = [view.fitness, view.rms_m, view.correction_m, view.correction_rad]
         assert all(figure is None or (np.isfinite(figure) and figure >= 0) for figure in figures)
-    assert model.chains or quality.warnings, "no string, and no word why"
-    for words in (*quality.warnings, *quality.ambiguities):
-        assert words.strip()
-        assert "nan" not in words.lower().split()
+    codes = {found.code for found in quality.findings}
+    assert model.chains or codes & {"no-string-in-view", "no-string-found"}, "no string, and no finding that says why"
+    for found in quality.findings:
+        assert_valid_finding(found, model)
+    ranks = [SEVERITIES.index(found.severity) for found in quality.findings]
+    assert ranks == sorted(ranks), "the most serious first"
+
+
+def assert_valid_finding(found: Finding, model: PointChainModel) -> None:
+    assert found.severity == FINDING_TYPES[cast(FindingCode, found.code)].severity
+    assert found.message.strip()
+    assert not {"nan", "inf"} & set(found.message.lower().split())
+    numbers = [found.value, found.limit, *(found.s_range_m or ()), *(found.point_m or ())]
+    assert all(number is None or np.isfinite(number) for number in numbers)
+    assert set(found.chains) <= {chain.id for chain in model.chains}
+    assert found.crossing is None or found.crossing in {x.id for x in model.crossings}
+    if found.end is not None or found.s_range_m is not None:
+        assert len(found.chains) == 1, "an end and a part belong to one chain"
+    if found.s_range_m is not None:
+        start, stop = found.s_range_m
+        assert 0 <= start <= stop
+        assert start <= model.chains[found.chains[0]].length_m
+
+
+def assert_valid_trust(model: PointChainModel) -> None:
+    for chain in model.chains:
+        trust = model.chain_trust(chain.id)
+        edges = [edge for part in trust.trusted_m for edge in part]
+        assert edges == sorted(edges)
+        assert all(0 <= edge <= chain.length_m for edge in edges)
+        assert (trust.verdict == "accept") == (trust.trusted_m == ((0.0, chain.length_m),))
+    for grasp in model.grasps:
+        assert grasp.trusted
+        assert model.trusted(grasp.chain, grasp.s_m)

@@ -1,4 +1,4 @@
-"""Unobserved ends, with unexplained surface ahead of them, and fragmented ends, which face each other."""
+"""Unobserved ends, with unexplained surface ahead of them, and touching ends, which face each other."""
 
 from dataclasses import replace
 
@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition.assembly.chain_ends import mark_facing_ends, mark_unobserved_ends
+from recognition.assembly.chain_ends import (
+    END_PART_RADII,
+    MAX_FACING_GAP_RADII,
+    mark_touching_ends,
+    mark_unobserved_ends,
+    unobserved_end_findings,
+)
 from recognition.model.chains import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
@@ -37,11 +43,11 @@ ALONG_X = chain(line((0, 0), (100, 0)))
 AHEAD = line((109, 0), (125, 0))
 
 
-def test_an_end_with_a_piece_in_line_is_unseen(table_1: ChainParameters) -> None:
+def test_an_end_with_a_piece_in_line_is_unobserved(table_1: ChainParameters) -> None:
     (found,) = mark_unobserved_ends([ALONG_X], [AHEAD], table_1)
-    assert found.ends == ("free", "unseen")
+    assert found.ends == ("free", "unobserved")
     (found,) = mark_unobserved_ends([replace(ALONG_X, points=ALONG_X.points[::-1])], [AHEAD], table_1)
-    assert found.ends == ("unseen", "free")
+    assert found.ends == ("unobserved", "free")
 
 
 def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
@@ -49,7 +55,7 @@ def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
     turn = np.radians(np.arange(26, 60, 2))
     bent = np.column_stack([0.1 + 0.02 * np.sin(turn), 0.02 * (1 - np.cos(turn)), np.full(len(turn), R)])
     (found,) = mark_unobserved_ends([ALONG_X], [bent], table_1)
-    assert found.ends == ("free", "unseen")
+    assert found.ends == ("free", "unobserved")
 
 
 @pytest.mark.parametrize(
@@ -62,12 +68,12 @@ def test_surface_far_away_or_aside_is_another_object(table_1: ChainParameters, e
 
 def test_from_a_thicker_chain_it_may_be_farther(table_1: ChainParameters) -> None:
     (found,) = mark_unobserved_ends([replace(ALONG_X, radius_m=0.006)], [line((113, 0), (130, 0))], table_1)
-    assert found.ends == ("free", "unseen")
+    assert found.ends == ("free", "unobserved")
 
 
-def test_an_unseen_end_stays_unseen_and_a_ring_has_no_end(table_1: ChainParameters) -> None:
-    (found,) = mark_unobserved_ends([replace(ALONG_X, ends=("unseen", "free"))], [AHEAD], table_1)
-    assert found.ends == ("unseen", "unseen")
+def test_an_unobserved_end_stays_unobserved_and_a_ring_has_no_end(table_1: ChainParameters) -> None:
+    (found,) = mark_unobserved_ends([replace(ALONG_X, ends=("unobserved", "free"))], [AHEAD], table_1)
+    assert found.ends == ("unobserved", "unobserved")
     ring = replace(ALONG_X, closed=True)
     assert mark_unobserved_ends([ring], [AHEAD], table_1) == (ring,)
 
@@ -79,7 +85,7 @@ def test_no_unexplained_surface_or_no_chains(table_1: ChainParameters) -> None:
 
 def test_a_chain_of_two_points_has_a_direction(table_1: ChainParameters) -> None:
     (found,) = mark_unobserved_ends([chain(line((99, 0), (100, 0)))], [AHEAD], table_1)
-    assert found.ends == ("free", "unseen")
+    assert found.ends == ("free", "unobserved")
 
 
 def numbered_chain(number: int, points: NDArray[np.float64], ends: tuple[End, End] = ("free", "free")) -> Chain:
@@ -91,22 +97,34 @@ def along_x(begin_m: float, end_m: float, y_m: float = 0.0) -> NDArray[np.float6
     return np.column_stack([x, np.full(40, y_m), np.full(40, FRAGMENT_R)])
 
 
-def test_ends_that_face_each_other_are_unseen() -> None:
+def test_ends_that_face_each_other_are_touching() -> None:
     # The chains overlap, which two strings cannot.
-    chains, ambiguities = mark_facing_ends(
+    chains, findings = mark_touching_ends(
         [numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, along_x(0.098, 0.2))]
     )
-    assert [one.ends for one in chains] == [("free", "unseen"), ("unseen", "free")]
-    (message,) = ambiguities
-    assert "an end of chain 0 and an end of chain 1 face each other at (98, 0, 4) mm" in message
+    assert [one.ends for one in chains] == [("free", "touching"), ("touching", "free")]
+    assert [(found.code, found.severity) for found in findings] == [("ends-touching", "doubt")] * 2
+    assert [(found.chains, found.end) for found in findings] == [((0,), "last"), ((1,), "first")]
+    part = END_PART_RADII * FRAGMENT_R
+    for found, span, x in zip(findings, ((0.1 - part, 0.1), (0.0, part)), (0.1, 0.098), strict=True):
+        assert found.s_range_m == pytest.approx(span, abs=1e-12)
+        assert found.point_m == pytest.approx((x, 0.0, FRAGMENT_R), abs=1e-12)
+        # The gap of 2 mm is smaller than the limit.
+        assert found.value == pytest.approx(0.002, abs=1e-12)
+        assert found.limit == pytest.approx(MAX_FACING_GAP_RADII * FRAGMENT_R, abs=1e-12)
+        assert "an end of chain 0 and an end of chain 1 face each other at (98, 0, 4) mm" in found.message
 
 
-def test_a_ring_that_does_not_close_is_ambiguous() -> None:
+def test_the_ends_of_a_ring_that_does_not_close_are_touching() -> None:
     turn = np.linspace(0.0, 2 * np.pi - 0.05, 200)
     ring = np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full(200, FRAGMENT_R)])
-    (one,), ambiguities = mark_facing_ends([numbered_chain(0, ring)])
-    assert one.ends == ("unseen", "unseen")
-    assert ambiguities[0].startswith("the ends of chain 0 face each other")
+    (one,), findings = mark_touching_ends([numbered_chain(0, ring)])
+    assert one.ends == ("touching", "touching")
+    assert {(found.code, found.chains, found.end) for found in findings} == {
+        ("ends-touching", (0,), "first"),
+        ("ends-touching", (0,), "last"),
+    }
+    assert all(found.message.startswith("the ends of chain 0 face each other") for found in findings)
 
 
 @pytest.mark.parametrize(
@@ -121,23 +139,43 @@ def test_a_ring_that_does_not_close_is_ambiguous() -> None:
     ],
 )
 def test_other_ends_are_unchanged(other: NDArray[np.float64]) -> None:
-    chains, ambiguities = mark_facing_ends([numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, other)])
+    chains, findings = mark_touching_ends([numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, other)])
     assert [one.ends for one in chains] == [("free", "free")] * 2
-    assert ambiguities == []
+    assert findings == []
 
 
-def test_no_chains_and_closed_chains_have_no_fragmented_ends() -> None:
-    assert mark_facing_ends([]) == ((), [])
+def test_no_chains_and_closed_chains_have_no_touching_ends() -> None:
+    assert mark_touching_ends([]) == ((), [])
     closed = Chain(0, True, FRAGMENT_R, along_x(0.0, 0.001), np.full(40, 1e-4), np.full(40, 8), ("free", "free"))
-    (same,), ambiguities = mark_facing_ends([closed])
-    assert (same.ends, ambiguities) == (closed.ends, [])
+    (same,), findings = mark_touching_ends([closed])
+    assert (same.ends, findings) == (closed.ends, [])
+
+
+def test_an_unobserved_end_is_a_doubt_and_at_the_border_a_note(table_1: ChainParameters) -> None:
+    unobserved = replace(ALONG_X, id=3, ends=("unobserved", "unobserved"))
+    # The last end is 2 mm from the border, less than r_f.
+    scene = Scene(workspace_m=((-0.1, 0.102), (-0.1, 0.1), (0.0, 0.1)))
+    first, last = unobserved_end_findings([unobserved, ALONG_X], scene, table_1)
+    assert (first.code, first.severity, first.chains, first.end) == ("end-unobserved", "doubt", (3,), "first")
+    assert (last.code, last.severity, last.chains, last.end) == ("end-at-border", "note", (3,), "last")
+    assert first.point_m == pytest.approx((0.0, 0.0, R), abs=1e-12)
+    assert last.point_m == pytest.approx((0.1, 0.0, R), abs=1e-12)
+    assert first.s_range_m == pytest.approx((0.0, END_PART_RADII * R), abs=1e-12)
+    assert last.s_range_m == pytest.approx((0.1 - END_PART_RADII * R, 0.1), abs=1e-12)
+
+
+def test_the_part_of_a_short_chain_at_its_end_is_the_whole_chain(table_1: ChainParameters) -> None:
+    short = chain(line((0, 0), (10, 0)))
+    for ends in (("unobserved", "free"), ("free", "unobserved")):
+        (found,) = unobserved_end_findings([replace(short, ends=ends)], Scene(), table_1)
+        assert found.s_range_m == pytest.approx((0.0, 0.01), abs=1e-12)
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("overhand-knot", 13), ("settled", 14), ("coil", 12)])
-def test_a_string_fragmented_by_a_radius_too_small_is_ambiguous(scene: str, seed: int) -> None:
+def test_a_string_fragmented_by_a_radius_too_small_has_a_doubt(scene: str, seed: int) -> None:
     scan = simulate(make_scene(scene, seed), camera_model("oak-d-pro"), seed)
     known = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, ChainParameters.for_radius(0.003), known).model
-    # The radius is 29 % too small: a model without an ambiguity must be the true one.
+    # The radius is 29 % too small: a model without this doubt must be the true one.
     whole = len(model.chains) == 1 and len(model.crossings) == len(scan.truth["crossings"])
-    assert whole or any("one string may continue there" in message for message in model.quality.ambiguities)
+    assert whole or any(found.code == "ends-touching" for found in model.quality.doubts)

@@ -1,4 +1,4 @@
-"""Chains of fitted strands: order, rejected surfaces, ends and messages."""
+"""Chains of fitted strands: order, rejected surfaces, ends and findings."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains, classify_ends
+from recognition.assembly.chains import MAX_TABLE_GAP_RADII, ChainAssembly, assemble_fitted_chains, classify_ends
 from recognition.model.chains import Chain
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
+from recognition.refinement.string_classifier import MAX_SQUARENESS
 from recognition.registration.registration import Registration
 from recognition.tracing.height_map import HeightMap
 from recognition.tracing.trace import trace_strands
@@ -24,11 +26,11 @@ Surface = tuple[np.ndarray, np.ndarray]
 
 def found(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
-) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
-    """The chains and warnings of the graph method, which must have no ambiguity."""
+) -> tuple[tuple[Chain, ...], tuple[Finding, ...]]:
+    """Return the chains and findings of the graph method, which must have no doubt."""
     assembly = assembled(views, scene, parameters)
-    assert assembly.ambiguities == ()
-    return assembly.chains, assembly.warnings
+    assert [finding for finding in assembly.findings if finding.severity != "note"] == []
+    return assembly.chains, assembly.findings
 
 
 def assembled(
@@ -71,8 +73,8 @@ def box(low: tuple[float, float], high: tuple[float, float], height: float, edge
 def test_a_string_is_a_chain(seen: Callable, straight: Callable, registered: Callable, off_line: Callable) -> None:
     axis = straight((0, 0, R), (0.12, 0, R))
     views = registered([seen([axis], noise=NOISE, seed=seed) for seed in range(3)])
-    (chain,), warnings = found(views)
-    assert warnings == ()
+    (chain,), findings = found(views)
+    assert findings == ()
     assert (chain.id, chain.closed, chain.radius_m, chain.ends) == (0, False, R, ("free", "free"))
     assert chain.length_m == pytest.approx(0.12, abs=0.3 * R)
     np.testing.assert_array_equal(chain.views, 3)
@@ -82,14 +84,12 @@ def test_a_string_is_a_chain(seen: Callable, straight: Callable, registered: Cal
     assert chain.sigma_m.max() < 0.0005
 
 
-def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(
-    seen: Callable, straight: Callable, registered: Callable
-) -> None:
-    # Given from their far ends.
-    strings = [straight((0.08, 0, R), (0, 0, R)), straight((0.1, 0.04, R), (-0.02, 0.05, R))]
+def test_chains_are_in_canonical_order_and_direction(seen: Callable, straight: Callable, registered: Callable) -> None:
+    # Given from their far ends. x + y / 2 of their means is 62 mm and 30 mm, so the shorter one comes first.
+    strings = [straight((0.1, 0.04, R), (-0.02, 0.05, R)), straight((0.06, 0, R), (0, 0, R))]
     chains, _ = found(registered([seen(strings, noise=NOISE)]))
     assert [chain.id for chain in chains] == [0, 1]
-    for chain, start in zip(chains, ((-0.02, 0.05), (0.0, 0.0)), strict=True):
+    for chain, start in zip(chains, ((0.0, 0.0), (-0.02, 0.05)), strict=True):
         np.testing.assert_allclose(chain.points[0, :2], start, rtol=0, atol=0.3 * R)
         assert len(chain.sigma_m) == len(chain.views) == len(chain.points)
 
@@ -107,23 +107,23 @@ def test_the_edges_of_a_box_are_no_strings(
     assert np.abs(chains[0].points[:, 1]).max() < 0.2 * R
 
 
-def test_an_end_at_the_border_of_the_workspace_is_unseen(
+def test_an_end_at_the_border_of_the_workspace_is_unobserved(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
     views = registered([seen([straight((0, 0, R), (0.12, 0, R))], noise=NOISE)])
     box_m = ((-0.1, 0.122), (-0.1, 0.1), (-0.01, 0.1))
     (chain,), _ = found(views, Scene(workspace_m=box_m))
-    assert chain.ends == ("free", "unseen")
+    assert chain.ends == ("free", "unobserved")
     (chain,), _ = found(views, Scene(workspace_m=((-0.1, 0.2), *box_m[1:])))
     assert chain.ends == ("free", "free")
 
 
-def test_an_end_that_continues_under_another_strand_is_unseen(seen: Callable, straight: Callable) -> None:
+def test_an_end_that_continues_under_another_strand_is_unobserved(seen: Callable, straight: Callable) -> None:
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
     height_map = HeightMap(seen([over])[0])
     line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
-    assert classify_ends(fitted(line), height_map, Scene(), PARAMETERS) == ("free", "unseen")
-    assert classify_ends(fitted(line[::-1]), height_map, Scene(), PARAMETERS) == ("unseen", "free")
+    assert classify_ends(fitted(line), height_map, Scene(), PARAMETERS) == ("free", "unobserved")
+    assert classify_ends(fitted(line[::-1]), height_map, Scene(), PARAMETERS) == ("unobserved", "free")
     # Well before the other strand, and on top of it, the end was observed.
     assert classify_ends(fitted(line - (0.02, 0, 0)), height_map, Scene(), PARAMETERS) == ("free", "free")
     assert classify_ends(fitted(line + (R, 0, 4 * R)), height_map, Scene(), PARAMETERS) == ("free", "free")
@@ -131,31 +131,44 @@ def test_an_end_that_continues_under_another_strand_is_unseen(seen: Callable, st
 
 
 @pytest.mark.parametrize(
-    ("share", "n_warnings", "n_ambiguities"),
-    [(1, 0, 0), (0.93, 0, 0), (1.07, 0, 0), (0.8, 1, 0), (1.15, 1, 0), (1.4, 1, 0), (0.65, 0, 1)],
+    ("share", "codes"),
+    [
+        (1, []),
+        (0.93, []),
+        (1.07, []),
+        (0.8, [("radius-smaller", "note")]),
+        (1.15, [("radius-larger", "note")]),
+        (1.4, [("radius-larger", "note")]),
+        (0.65, [("radius-much-smaller", "doubt")]),
+    ],
 )
-def test_a_radius_that_contradicts_the_given_one_is_a_warning_and_a_much_smaller_one_an_ambiguity(
-    seen: Callable, straight: Callable, registered: Callable, share: float, n_warnings: int, n_ambiguities: int
+def test_a_radius_that_contradicts_the_given_one_is_a_note_and_a_much_smaller_one_a_doubt(
+    seen: Callable, straight: Callable, registered: Callable, share: float, codes: list[tuple[str, str]]
 ) -> None:
     axis = straight((0, 0, share * R), (0.12, 0, share * R))
     assembly = assembled(registered([seen([axis], radii=[share * R], noise=NOISE)]))
     (chain,) = assembly.chains
-    assert (len(assembly.warnings), len(assembly.ambiguities)) == (n_warnings, n_ambiguities)
-    for message in assembly.warnings + assembly.ambiguities:
-        assert message.startswith(f"chain 0 measures {share * 4.2:.1f} mm in radius, not the expected 4.2 mm")
-        assert ("give the radius of the thinnest string" in message) == (share < 1)
+    assert [(finding.code, finding.severity) for finding in assembly.findings] == codes
+    for finding in assembly.findings:
+        assert (finding.chains, finding.limit) == ((0,), R)
+        assert finding.value == pytest.approx(share * R, rel=0.02)
+        assert finding.message.startswith(f"chain 0 measures {share * 4.2:.1f} mm in radius, not the expected 4.2 mm")
+        assert ("give the radius of the thinnest string" in finding.message) == (share < 1)
         assert chain.radius_m == pytest.approx(share * R, rel=0.02)
 
 
 def test_strings_of_different_radii_lie_in_one_scene(
     seen: Callable, straight: Callable, registered: Callable, off_line: Callable
 ) -> None:
-    axes = [straight((0, 0, 1.4 * R), (0.13, 0, 1.4 * R)), straight((0, 0.04, 0.6 * R), (0.1, 0.04, 0.6 * R))]
-    assembly = assembled(registered([seen(axes, radii=[1.4 * R, 0.6 * R], noise=NOISE)]))
+    # In the order of x + y / 2 of their means: 50 mm and 85 mm.
+    axes = [straight((0, 0, 0.6 * R), (0.1, 0, 0.6 * R)), straight((0, 0.04, 1.4 * R), (0.13, 0.04, 1.4 * R))]
+    assembly = assembled(registered([seen(axes, radii=[0.6 * R, 1.4 * R], noise=NOISE)]))
     chains = assembly.chains
-    (ambiguity,) = assembly.ambiguities  # parts of the thinner string may be missing
-    assert ambiguity.startswith("chain 1 measures 2.5 mm")
-    np.testing.assert_allclose([chain.radius_m / R for chain in chains], (1.4, 0.6), rtol=0.02, atol=0)
+    (doubt,) = (finding for finding in assembly.findings if finding.severity != "note")
+    # Parts of the thinner string may be missing.
+    assert (doubt.code, doubt.chains) == ("radius-much-smaller", (0,))
+    assert doubt.value == pytest.approx(0.6 * R, rel=0.02)
+    np.testing.assert_allclose([chain.radius_m / R for chain in chains], (0.6, 1.4), rtol=0.02, atol=0)
     for chain, axis in zip(chains, axes, strict=True):
         assert off_line(chain.points, [axis]).max() < 0.1 * R
 
@@ -165,9 +178,9 @@ def test_a_strand_has_no_views_where_another_hides_it(
     seen: Callable, heap: Callable, registered: Callable, gap: float
 ) -> None:
     under, over = heap((0, 90), gap * R, half=0.07)
-    # A little longer, so that it is chain 0.
     views = registered([seen([under, over[:-8]], noise=NOISE, seed=seed) for seed in range(2)])
-    (below, above), _ = found(views)
+    chains, _ = found(views)
+    below, above = sorted(chains, key=lambda chain: np.ptp(chain.points[:, 0]), reverse=True)
     hidden = np.abs(below.points[:, 0]) < 0.5 * R
     assert hidden.any()
     np.testing.assert_array_equal(below.views[hidden], 0)
@@ -177,47 +190,55 @@ def test_a_strand_has_no_views_where_another_hides_it(
 
 
 def test_a_ring_is_closed_and_its_length_is_its_perimeter(seen: Callable, arc: Callable, registered: Callable) -> None:
-    (chain,), warnings = found(registered([seen([arc(0.04, 0, 360)], noise=NOISE)]))
+    (chain,), findings = found(registered([seen([arc(0.04, 0, 360)], noise=NOISE)]))
     assert chain.closed
     assert chain.ends == ("free", "free")
-    assert warnings == ()
+    assert findings == ()
     # 251.3 mm: the radius of its line is known to 0.02 r.
     assert chain.length_m == pytest.approx(2 * np.pi * 0.04, abs=2 * np.pi * 0.02 * R)
 
 
-def test_without_strands_there_are_no_chains_and_a_warning(
+def test_without_strands_there_are_no_chains_and_a_note(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
     assembly = assemble_fitted_chains(nothing, views, HeightMap(views.points), Scene(), PARAMETERS)
-    assert (assembly.chains, assembly.ambiguities) == ((), ())
-    (warning,) = assembly.warnings
-    assert warning.startswith("no string of radius 4.2 mm found")
-    assert warning.endswith("check the radius")
+    assert assembly.chains == ()
+    (note,) = assembly.findings
+    assert (note.code, note.severity, note.chains) == ("no-string-found", "note", ())
+    assert note.message.startswith("no string of radius 4.2 mm found")
+    assert note.message.endswith("check the radius")
 
 
-def test_a_string_that_nothing_supports_is_a_warning(seen: Callable, straight: Callable, registered: Callable) -> None:
-    def warnings(*strings: np.ndarray) -> tuple[str, ...]:
-        return found(registered([seen(list(strings), noise=NOISE, seed=seed) for seed in range(2)]))[1]
+def test_a_string_that_nothing_supports_is_a_doubt(seen: Callable, straight: Callable, registered: Callable) -> None:
+    def findings_on(*strings: np.ndarray) -> tuple[Finding, ...]:
+        return assembled(registered([seen(list(strings), noise=NOISE, seed=seed) for seed in range(2)])).findings
 
-    (warning,) = warnings(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
-    assert warning.startswith("chain 0 lies 2.")
-    assert "above the table along nearly all its length" in warning
+    (doubt,) = findings_on(straight((0, 0, 1.6 * R), (0.15, 0, 1.6 * R)))
+    assert (doubt.code, doubt.severity, doubt.chains) == ("above-table", "doubt", (0,))
+    # 0.6 r above the table; the depth noise is 0.05 r.
+    assert doubt.value == pytest.approx(0.6 * R, abs=0.1 * R)
+    assert doubt.limit == pytest.approx(MAX_TABLE_GAP_RADII * R, rel=0.05)
+    assert "above the table along nearly all its length" in doubt.message
     # One that rests on another in the middle lies on the table elsewhere.
     over = straight((0, 0, R), (0.2, 0, R))
     over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
-    assert warnings(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == ()
+    assert findings_on(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == ()
 
 
-def test_a_string_that_may_be_a_bar_is_kept_and_ambiguous(
+def test_a_string_that_may_be_a_bar_is_kept_with_a_doubt(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     views = registered([seen([line])])
-    strand = replace(fitted(line), roundness_error_m=0.0, squareness=0.1, squareness_sigma=0.1)
-    refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
-    assembly = assemble_fitted_chains(refinement, views, HeightMap(views.points), Scene(), PARAMETERS)
-    (chain,), (ambiguity,) = assembly.chains, assembly.ambiguities
-    assert (chain.id, assembly.warnings) == (0, ())
-    assert ambiguity.startswith("chain 0 at (50, 0, 4) mm may be a bar with edges instead of a string")
+    # Without a measurement of the squareness, the finding has no value.
+    for sigma, value in ((0.1, pytest.approx(0.3, abs=1e-12)), (np.inf, None)):
+        strand = replace(fitted(line), roundness_error_m=0.0, squareness=0.1, squareness_sigma=sigma)
+        refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
+        assembly = assemble_fitted_chains(refinement, views, HeightMap(views.points), Scene(), PARAMETERS)
+        (chain,), (doubt,) = assembly.chains, assembly.findings
+        assert (chain.id, doubt.code, doubt.severity, doubt.chains) == (0, "possible-bar", "doubt", (0,))
+        assert doubt.point_m == pytest.approx((0.05, 0.0, R), abs=1e-9)
+        assert (doubt.value, doubt.limit) == (value, MAX_SQUARENESS)
+        assert doubt.message.startswith("chain 0 at (50, 0, 4) mm may be a bar with edges instead of a string")

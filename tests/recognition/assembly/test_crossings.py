@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from recognition.assembly.crossings import CrossingSet, find_crossings, find_fitted_crossings
-from recognition.model.chains import Chain, Crossing
+from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, Crossing
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
@@ -22,7 +23,7 @@ SIGMA = 0.0004
 
 
 def is_empty(found: CrossingSet) -> bool:
-    return found.crossings == () and found.ambiguities == ()
+    return found.crossings == () and found.findings == ()
 
 
 def chain(*corners_mm: tuple[float, float, float], step_mm: float = 4.0) -> Strand:
@@ -178,7 +179,7 @@ def test_crossings_are_numbered_and_found_between_all_chains() -> None:
     found = find_crossings(strands, NOTHING_SEEN, PARAMETERS)
     assert [crossing.id for crossing in found.crossings] == [0, 1]
     assert {(crossing.over.chain, crossing.under.chain) for crossing in found.crossings} == {(1, 0), (2, 0)}
-    assert found.ambiguities == ()
+    assert found.findings == ()
 
 
 def test_heights_are_measured_on_the_surface(tube: Callable) -> None:
@@ -202,12 +203,23 @@ def fine(strand: Strand) -> Strand:
     return Strand(points, np.zeros(count, dtype=bool))
 
 
-def test_equal_heights_are_ambiguous() -> None:
+def assert_names_crossing(found: Finding, code: str, crossing: Crossing) -> None:
+    """Check that a finding is a doubt about a crossing, with its chains, its position and its low confidence."""
+    assert (found.code, found.severity, found.crossing) == (code, "doubt", crossing.id)
+    assert set(found.chains) == {crossing.over.chain, crossing.under.chain}
+    assert found.point_m == pytest.approx(crossing.point, abs=1e-12)
+    assert (found.value, found.limit) == (crossing.confidence, MIN_CERTAIN_CONFIDENCE)
+    assert crossing.confidence < MIN_CERTAIN_CONFIDENCE
+    assert found.s_range_m is None, "it concerns both passes of the crossing"
+
+
+def test_equal_heights_are_undecided() -> None:
     found = find_crossings([towards(0, 8.0), towards(70, 8.1)], NOTHING_SEEN, PARAMETERS)
     # 0.1 mm between heights known to 0.5 mm: 0.14 sigma of their difference.
     assert found.crossings[0].confidence == pytest.approx(0.556, abs=0.001)
-    (message,) = found.ambiguities
-    assert message.startswith("crossing 0 at (0, 0, 8) mm: the heights of the strands differ by only 0.1 mm")
+    (undecided,) = found.findings
+    assert_names_crossing(undecided, "crossing-undecided", found.crossings[0])
+    assert undecided.message.startswith("crossing 0 at (0, 0, 8) mm: the heights of the strands differ by only 0.1 mm")
     assert only([towards(0, 8.0), towards(70, 8.0)]).confidence == 0.5
 
 
@@ -222,17 +234,17 @@ def fitted_towards(number: int, degrees: float, height: float, sigma: float = SI
     return fitted_chain(number, np.linspace(-0.041, 0.061, 35)[:, None] * way + (0, 0, height), sigma, views)
 
 
-def only_fitted(*chains: Chain) -> tuple[Crossing, tuple[str, ...]]:
+def only_fitted(*chains: Chain) -> tuple[Crossing, tuple[Finding, ...]]:
     found = find_fitted_crossings(chains)
     (crossing,) = found.crossings
-    return crossing, found.ambiguities
+    return crossing, found.findings
 
 
 @pytest.mark.parametrize("gap", [1.2, 2.0])
 @pytest.mark.parametrize("degrees", [30, 60, 90, -30, -60])
 def test_the_higher_strand_is_over(degrees: float, gap: float) -> None:
     for first, second in ((0.0, gap * R), (gap * R, 0.0)):
-        crossing, ambiguities = only_fitted(fitted_towards(0, 0, R + first), fitted_towards(1, degrees, R + second))
+        crossing, findings = only_fitted(fitted_towards(0, 0, R + first), fitted_towards(1, degrees, R + second))
         over = int(second > first)
         assert (crossing.over.chain, crossing.under.chain) == (over, 1 - over)
         assert crossing.over.s_m == pytest.approx(0.041, abs=1e-9)
@@ -244,39 +256,42 @@ def test_the_higher_strand_is_over(degrees: float, gap: float) -> None:
         assert crossing.sign == np.sign(degrees) * (-1 if over else 1)
         # 5 mm between heights known to 0.6 mm together.
         assert crossing.confidence > 0.999999
-        assert ambiguities == ()
+        assert findings == ()
 
 
 def test_the_confidence_weighs_the_gap_against_both_sigmas() -> None:
     gap = 0.7 * 2 * R
-    crossing, ambiguities = only_fitted(
-        fitted_towards(0, 0, R, sigma=0.003), fitted_towards(1, 80, R + gap, sigma=0.004)
-    )
+    crossing, findings = only_fitted(fitted_towards(0, 0, R, sigma=0.003), fitted_towards(1, 80, R + gap, sigma=0.004))
     assert crossing.confidence == pytest.approx(ndtr(gap / 0.005), abs=1e-9)
     # 88 %: reported, because it is below 90 %.
-    (message,) = ambiguities
-    assert message.endswith("differ by only 5.9 mm; which strand is over is not certain")
-    certain, no_message = only_fitted(fitted_towards(0, 0, R, sigma=0.001), fitted_towards(1, 80, R + gap, sigma=0.001))
+    (undecided,) = findings
+    assert_names_crossing(undecided, "crossing-undecided", crossing)
+    assert undecided.message.endswith("differ by only 5.9 mm; which strand is over is not certain")
+    certain, no_findings = only_fitted(
+        fitted_towards(0, 0, R, sigma=0.001), fitted_towards(1, 80, R + gap, sigma=0.001)
+    )
     assert certain.confidence > 0.9999
-    assert no_message == ()
+    assert no_findings == ()
 
 
 def test_strands_at_nearly_one_height_are_not_decided() -> None:
     # Strings do not pass through each other: a gap below 0.3 of both radii means that a line is wrong.
-    crossing, ambiguities = only_fitted(
+    crossing, findings = only_fitted(
         fitted_towards(0, 0, R, sigma=0.0001), fitted_towards(1, 80, R + 0.25 * 2 * R, sigma=0.0001)
     )
     assert crossing.confidence <= 0.6
-    assert len(ambiguities) == 1
+    (undecided,) = findings
+    assert_names_crossing(undecided, "crossing-undecided", crossing)
 
 
 def test_a_strand_that_was_seen_is_not_certainly_under_one_that_was_not() -> None:
     seen_over, _ = only_fitted(fitted_towards(0, 0, R, views=0), fitted_towards(1, 80, 3 * R, views=5))
     assert seen_over.confidence > 0.999999
-    crossing, (message,) = only_fitted(fitted_towards(0, 0, R, views=5), fitted_towards(1, 80, 3 * R, views=0))
+    crossing, (unseen,) = only_fitted(fitted_towards(0, 0, R, views=5), fitted_towards(1, 80, 3 * R, views=0))
     assert crossing.over.chain == 1
     assert crossing.confidence <= 0.6
-    assert "the upper strand was not seen there" in message
+    assert_names_crossing(unseen, "upper-strand-unseen", crossing)
+    assert "the upper strand was not seen there" in unseen.message
 
 
 def test_a_grazing_contact_is_no_crossing(straight: Callable) -> None:

@@ -28,8 +28,8 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize("degrees", [0, 37, 180, -110])
 def test_a_straight_string_is_grasped_from_above_and_across(degrees: float) -> None:
-    grasps, warnings = grasps_of(straight(degrees=degrees))
-    assert warnings == []
+    grasps, notes = grasps_of(straight(degrees=degrees))
+    assert notes == ()
     # About every 5 mm, except half a finger from the ends.
     s = np.sort([grasp.s_m for grasp in grasps])
     np.testing.assert_allclose((s[0], s[-1]), (HALF_FINGER, 0.2 - HALF_FINGER), rtol=0, atol=1e-9)
@@ -87,7 +87,7 @@ def test_no_grasp_where_no_view_saw_the_string() -> None:
 def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: bool) -> None:
     # A finger's outer face is 6.2 + 5 mm from the centre line, the other strand begins r before its own, and 1 mm is
     # kept: from 16.4 mm on there is room.
-    grasps, warnings = grasps_of(straight(), straight(y=apart, number=1))
+    grasps, notes = grasps_of(straight(), straight(y=apart, number=1))
     assert bool(grasps) == possible
     if possible:
         outer = 0.0112 + R
@@ -95,36 +95,36 @@ def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: boo
             round(apart - outer, 4)
         }
     else:
-        assert len(warnings) == 2
-        assert "would touch" in warnings[0]
+        assert len(notes) == 2
+        assert "would touch" in notes[0].message
 
 
-def test_a_stroke_smaller_than_the_string_is_a_warning() -> None:
-    grasps, warnings = grasps_of(straight(), gripper=Gripper(stroke_m=0.012))
+def test_a_stroke_smaller_than_the_string_is_a_note() -> None:
+    grasps, notes = grasps_of(straight(), gripper=Gripper(stroke_m=0.012))
     assert grasps == ()
-    (warning,) = warnings
-    assert "too wide" in warning
-    assert "12.4 mm" in warning  # 8.4 + 4
-    assert "opens 12.0 mm" in warning
+    (note,) = notes
+    assert "too wide" in note.message
+    assert "12.4 mm" in note.message  # 8.4 + 4
+    assert "opens 12.0 mm" in note.message
 
 
-def test_a_string_too_thin_for_fingers_above_the_table_is_a_warning() -> None:
+def test_a_string_too_thin_for_fingers_above_the_table_is_a_note() -> None:
     thin = replace(straight(z=0.001), radius_m=0.001)
-    grasps, warnings = grasps_of(thin)
+    grasps, notes = grasps_of(thin)
     assert grasps == ()
-    assert "touch the table" in warnings[0]
+    assert "touch the table" in notes[0].message
     grasps, _ = grasps_of(thin, gripper=Gripper(table_clearance_m=0.0005))
     assert {round(grasp.reach_m, 6) for grasp in grasps} == {0.0005}
 
 
-def test_a_chain_shorter_than_a_finger_is_a_warning() -> None:
-    grasps, warnings = grasps_of(straight(length=0.009))
+def test_a_chain_shorter_than_a_finger_is_a_note() -> None:
+    grasps, notes = grasps_of(straight(length=0.009))
     assert grasps == ()
-    assert "its length of 9 mm is not more than the width of a finger" in warnings[0]
+    assert "its length of 9 mm is not more than the width of a finger" in notes[0].message
 
 
 def test_no_string_no_grasp() -> None:
-    assert grasps_of() == ((), [])
+    assert grasps_of() == ((), ())
 
 
 def test_a_long_string_has_grasps_along_its_whole_length() -> None:
@@ -157,7 +157,7 @@ def odd_chains(draw: st.DrawFn) -> tuple[Chain, ...]:
         chains.append(
             Chain(
                 number, draw(st.booleans()), draw(st.sampled_from((0.0005, R, 0.02))), points,
-                rng.uniform(0, 0.002, count), rng.integers(0, 9, count), ("free", "unseen"),
+                rng.uniform(0, 0.002, count), rng.integers(0, 9, count), ("free", "unobserved"),
             )
         )  # fmt: skip
     return tuple(chains)
@@ -171,8 +171,8 @@ def test_grasps_on_random_chains_are_possible(chains: tuple[Chain, ...], count: 
         Crossing(k, np.zeros(3), StrandPoint(a.id, a.length_m / 3), StrandPoint(b.id, b.length_m / 2), 0, 1, 1, 0.6)
         for k, (a, b) in enumerate(pairwise(chains))
     )
-    grasps, warnings = grasps_of(*chains, crossings=crossings, surface=surface)
-    assert len({grasp.chain for grasp in grasps}) + len(warnings) == len(chains)
+    grasps, notes = grasps_of(*chains, crossings=crossings, surface=surface)
+    assert len({grasp.chain for grasp in grasps}) + len(notes) == len(chains)
     for grasp in grasps:
         T = grasp.T_base_grasp
         assert np.isfinite(T).all()

@@ -25,7 +25,9 @@ PARAMETERS = ChainParameters.for_radius(0.0042)
 
 def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
     n = len(points)
-    return Chain(number, closed, 0.0042, points, np.full(n, 3e-4), np.full(n, 5, dtype=np.int64), ("free", "unseen"))
+    return Chain(
+        number, closed, 0.0042, points, np.full(n, 3e-4), np.full(n, 5, dtype=np.int64), ("free", "unobserved")
+    )
 
 
 def laid(*curves: np.ndarray, closed: bool = False) -> Strings:
@@ -66,7 +68,7 @@ def test_a_loop_by_hand() -> None:
     length = chains[0].length_m
     first, last, crossing = data.elements[:3]
     assert first == EndElement(0, "first", 0.0, "free")
-    assert last == EndElement(0, "last", length, "unseen")
+    assert last == EndElement(0, "last", length, "unobserved")
     assert isinstance(crossing, CrossingElement)
     assert (crossing.crossing, crossing.sign) == (0, 1)
     np.testing.assert_allclose(spans(data), [(0, 0.03), (0.03, OVER_AT), (OVER_AT, length)], rtol=0, atol=1e-12)

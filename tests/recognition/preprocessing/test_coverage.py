@@ -14,6 +14,7 @@ from cell.simulation.offline_scan import WORKSPACE_HALF_M, SimulatedScan, simula
 from cell.simulation.pose_errors import viewpoints
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import SCENES, make_scene
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.coverage import (
@@ -21,8 +22,8 @@ from recognition.preprocessing.coverage import (
     MIN_REPORTED_SHARE,
     CameraFrustum,
     Coverage,
+    coverage_findings,
     coverage_message,
-    coverage_warnings,
     table_coverage,
 )
 from recognition.preprocessing.target_cloud import Scene, preprocess
@@ -154,38 +155,41 @@ def scan() -> SimulatedScan:
     return simulate(make_scene("loop", 1), camera_model("oak-d-pro", (320, 200)), 1, views=4)
 
 
-def warned(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: int = 4) -> list[str]:
+def uncovered(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: int = 4) -> list[Finding]:
     box = None if workspace_m is None else (workspace_m, workspace_m, (0.0, 0.12))
     parameters = ChainParameters.for_radius(scan.header.string_radius_m or 0.0042)
     model = recognise(scan.views[:views], parameters, Scene(0.0, box)).model
     assert len(model.chains) == 1
-    return [warning for warning in model.quality.warnings if "in fewer than" in warning]
+    return [found for found in model.quality.findings if found.code == "table-not-covered"]
 
 
-def test_a_model_warns_about_the_part_that_its_views_do_not_show(scan: SimulatedScan) -> None:
-    assert warned(scan, (-0.15, 0.15)) == []
-    assert warned(scan, None) == [], "there is no workspace to cover"
-    (message,) = warned(scan, (-0.6, 0.6))
+def test_a_model_has_a_doubt_about_the_part_that_its_views_do_not_show(scan: SimulatedScan) -> None:
+    assert uncovered(scan, (-0.15, 0.15)) == []
+    assert uncovered(scan, None) == [], "there is no workspace to cover"
+    (doubt,) = uncovered(scan, (-0.6, 0.6))
+    assert (doubt.severity, doubt.chains, doubt.limit) == ("doubt", (), MIN_REPORTED_SHARE)
     frustums = [CameraFrustum(view.K, 320, 200, view.T_base_camera) for view in scan.views]
     # Poses are corrected by a millimetre or two.
     share = table_coverage(frustums, (-0.6, 0.6), (-0.6, 0.6), 0.0).covered_share
-    assert float(message.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
+    assert doubt.value == pytest.approx(1 - share, abs=0.01)
+    assert float(doubt.message.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
 
 
 def test_a_missing_view_reduces_coverage(scan: SimulatedScan) -> None:
-    every, fewer = (float(warned(scan, (-0.6, 0.6), views)[0].split(" %")[0]) for views in (4, 2))
-    assert fewer > every + 2
+    every, fewer = (uncovered(scan, (-0.6, 0.6), views)[0].value or 0.0 for views in (4, 2))
+    assert fewer > every + 0.02
 
 
 def test_only_views_that_show_something_count(scan: SimulatedScan, table_1: ChainParameters) -> None:
     scene = Scene(0.0, ((-0.15, 0.15), (-0.15, 0.15), (0.0, 0.12)))
     targets = [preprocess(view, table_1, scene) for view in scan.views]
-    assert coverage_warnings(targets, range(4), scene) == []
+    assert coverage_findings(targets, range(4), scene) == []
     # Views that were excluded although they saw something contradict the others.
-    (message,) = coverage_warnings(targets, [0], scene)
-    assert message.startswith("100 %")
+    (doubt,) = coverage_findings(targets, [0], scene)
+    assert (doubt.code, doubt.value) == ("table-not-covered", 1.0)
+    assert doubt.message.startswith("100 %")
     # A view that saw only the table shows that no string is there.
     empty = [replace(target, points=np.zeros((0, 3))) for target in targets[1:]]
-    assert coverage_warnings([targets[0], *empty], [0], scene) == []
+    assert coverage_findings([targets[0], *empty], [0], scene) == []
     blind = [replace(target, points=np.zeros((0, 3)), n_in_workspace=0) for target in targets[1:]]
-    assert coverage_warnings([targets[0], *blind], [0], scene) == [message]
+    assert coverage_findings([targets[0], *blind], [0], scene) == [doubt]

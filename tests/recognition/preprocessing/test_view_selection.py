@@ -21,20 +21,28 @@ def test_views_that_see_a_string_are_used() -> None:
 
 
 @pytest.mark.parametrize(
-    ("bad", "reason"),
+    ("bad", "code", "reason"),
     [
-        (target(1, points=0, in_workspace=0, measured=0), "no pixel has a depth"),
-        (target(1, constant=True), "every pixel has the same depth"),
-        (target(1, points=0, in_workspace=MIN_POINTS - 1), "nothing measured in the workspace"),
-        (target(1, points=MIN_POINTS - 1), "only 49 points are higher above the table than the threshold z_t"),
+        (target(1, points=0, in_workspace=0, measured=0), "view-without-depth", "no pixel has a depth"),
+        (target(1, constant=True), "view-stuck", "every pixel has the same depth"),
+        (
+            target(1, points=0, in_workspace=MIN_POINTS - 1),
+            "view-outside-workspace",
+            "nothing measured in the workspace",
+        ),
+        (
+            target(1, points=MIN_POINTS - 1),
+            "view-without-string",
+            "only 49 points are higher above the table than the threshold z_t",
+        ),
     ],
     ids=["no depth", "constant", "outside", "too few"],
 )
-def test_a_bad_view_among_good_ones_is_excluded_with_its_reason(bad: TargetCloud, reason: str) -> None:
+def test_a_bad_view_among_good_ones_is_excluded_with_its_reason(bad: TargetCloud, code: str, reason: str) -> None:
     selection = select_views([target(0), bad, target(2)])
     assert [t.view for t in selection.used] == [0, 2]
     (quality,) = selection.excluded
-    assert (quality.index, quality.used, quality.points) == (1, False, len(bad.points))
+    assert (quality.index, quality.used, quality.points, quality.code) == (1, False, len(bad.points), code)
     assert quality.reason is not None
     assert quality.reason.startswith(reason)
     assert selection.no_string_reason is None

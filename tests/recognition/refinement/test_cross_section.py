@@ -93,4 +93,4 @@ def test_a_square_bar_seen_from_afar_is_no_string() -> None:
     scan = simulate(scene, camera, 3)
     model = recognise(scan.views, ChainParameters.for_radius(R), Scene(0.0, scan.header.workspace_m)).model
     assert model.chains == ()
-    assert any("not round like a string" in warning for warning in model.quality.warnings)
+    assert any(found.code == "piece-not-round" for found in model.quality.findings)

@@ -1,17 +1,23 @@
 """Classification of fitted strands by the surface beside them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.refinement.refinement import FittedStrand, Refinement
-from recognition.refinement.string_classifier import StringClassification, classify_strings, may_be_square
+from recognition.refinement.string_classifier import (
+    MAX_SQUARENESS,
+    StringClassification,
+    classify_strings,
+    max_squareness,
+)
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
-NOT_ROUND = ["excluded a piece of 100 mm at (50, 0, 4) mm: not round like a string"]
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -29,11 +35,29 @@ def fitted(points: np.ndarray) -> FittedStrand:
     )
 
 
-def selected(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> tuple[list[FittedStrand], list[str]]:
-    """Return the strings and the warnings of a classification without ambiguities."""
+def selected(
+    surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0
+) -> tuple[list[FittedStrand], list[Finding]]:
+    """Return the strings and the findings of a classification without doubts."""
     found = classified(surface, *strands, owned=owned)
-    assert found.ambiguities == ()
-    return list(found.strings), list(found.warnings)
+    assert {finding.severity for finding in found.findings} <= {"note"}
+    return list(found.strings), list(found.findings)
+
+
+def assert_excluded(findings: Sequence[Finding], code: str, length_m: float, point: tuple[float, float, float]) -> None:
+    """Check that the only finding is on an excluded piece with this length and this middle, both exact."""
+    (found,) = findings
+    assert (found.code, found.chains) == (code, ())
+    assert found.value == pytest.approx(length_m, abs=1e-9)
+    assert found.point_m == pytest.approx(point, abs=1e-9)
+    position = ", ".join(f"{1000 * value:.0f}" for value in point)
+    assert found.message.startswith(f"excluded a piece of {1000 * length_m:.0f} mm at ({position}) mm: ")
+
+
+def assert_not_round(kept: Sequence[FittedStrand], findings: Sequence[Finding]) -> None:
+    """Check that the string of 100 mm along x was excluded because it is not round."""
+    assert list(kept) == []
+    assert_excluded(findings, "piece-not-round", 0.1, (0.05, 0.0, R))
 
 
 def classified(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) -> StringClassification:
@@ -48,19 +72,19 @@ def classified(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) 
 def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
-    (kept,), warnings = selected(surface, fitted(line))
+    (kept,), findings = selected(surface, fitted(line))
     np.testing.assert_array_equal(kept.points, line)
-    assert warnings == []
+    assert findings == []
     # Some of it is noise; beside the edge of a box, whose faces go on, half of it is no tube's.
     assert len(selected(surface, fitted(line), owned=0.8)[0]) == 1
-    assert selected(surface, fitted(line), owned=0.5) == ([], NOT_ROUND)
+    assert_not_round(*selected(surface, fitted(line), owned=0.5))
 
 
 def test_a_strand_with_a_profile_that_is_no_circle_is_no_string(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
     assert len(selected(surface, replace(fitted(line), roundness_error_m=0.03 * R))[0]) == 1
-    assert selected(surface, replace(fitted(line), roundness_error_m=0.05 * R)) == ([], NOT_ROUND)
+    assert_not_round(*selected(surface, replace(fitted(line), roundness_error_m=0.05 * R)))
 
 
 def test_a_strand_with_the_profile_of_a_square_bar_is_no_string_unless_it_may_be_either(
@@ -71,9 +95,12 @@ def test_a_strand_with_the_profile_of_a_square_bar_is_no_string_unless_it_may_be
 
     def is_kept_and_may_be_square(squareness: float, sigma: float) -> tuple[bool, bool]:
         strand = replace(fitted(line), squareness=squareness, squareness_sigma=sigma)
-        kept, warnings = selected(surface, strand)
-        assert warnings == ([] if kept else NOT_ROUND)
-        return len(kept) == 1, may_be_square(strand)
+        kept, findings = selected(surface, strand)
+        if kept:
+            assert findings == []
+        else:
+            assert_not_round(kept, findings)
+        return len(kept) == 1, max_squareness(strand) > MAX_SQUARENESS
 
     assert is_kept_and_may_be_square(0.1, 0.05) == (True, False)
     assert is_kept_and_may_be_square(-0.3, 0.05) == (True, False)
@@ -90,11 +117,12 @@ def test_a_poorly_supported_or_short_piece_is_no_string(seen: Callable, straight
     assert len(selected(surface, fitted(line), fitted(longer))[0]) == 2
     # Less than half of it has the support of the longest.
     hardly = replace(fitted(line), support=np.where(np.arange(len(line)) < 10, 40.0, 4.0))
-    (kept,), warnings = selected(surface, hardly, fitted(longer))
+    (kept,), findings = selected(surface, hardly, fitted(longer))
     np.testing.assert_array_equal(kept.points, longer)
-    assert warnings == ["excluded a piece of 100 mm at (50, 0, 4) mm: hardly seen"]
-    (kept,), warnings = selected(surface, fitted(line[:7]), fitted(longer))
-    assert warnings == ["excluded a piece of 18 mm at (9, 0, 4) mm: too short to be distinguished from noise"]
+    assert_excluded(findings, "piece-hardly-seen", 0.1, (0.05, 0.0, R))
+    (kept,), findings = selected(surface, fitted(line[:7]), fitted(longer))
+    s = float(np.linalg.norm(line[6] - line[0]))
+    assert_excluded(findings, "piece-too-short", s, (s / 2, 0.0, R))
 
 
 def test_a_long_poorly_supported_piece_may_be_a_string(seen: Callable, straight: Callable) -> None:
@@ -104,8 +132,9 @@ def test_a_long_poorly_supported_piece_may_be_a_string(seen: Callable, straight:
     found = classified(surface, hardly, fitted(longer))
     (kept,) = found.strings
     np.testing.assert_array_equal(kept.points, longer)
-    assert found.ambiguities == ("excluded a piece of 200 mm at (100, 0, 4) mm: hardly seen, so it may be a string",)
-    assert found.warnings == ()
+    assert_excluded(found.findings, "possible-string", 0.2, (0.1, 0.0, R))
+    assert found.findings[0].severity == "doubt"
+    assert found.findings[0].message.endswith("hardly seen, so it may be a string")
 
 
 def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, straight: Callable) -> None:
@@ -120,14 +149,15 @@ def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, st
         classification = classify_strings(found, surface, PARAMETERS)
         (kept,) = classification.strings
         np.testing.assert_array_equal(kept.points, line)
-        assert len(classification.warnings) == 1
+        assert_excluded(classification.findings, "piece-not-round", 0.1, (0.05, 2 * R, R))
 
 
-def test_the_longest_comes_first_and_each_begins_at_the_smaller_x(seen: Callable, straight: Callable) -> None:
+def test_strings_are_in_canonical_order_and_direction(seen: Callable, straight: Callable) -> None:
     lines = [straight((0.08, 0, R), (0, 0, R), 0.003), straight((0.1, 0.04, R), (-0.02, 0.05, R), 0.003)]
     kept, _ = selected(seen(lines)[0], *map(fitted, lines))
-    np.testing.assert_array_equal(kept[0].points, lines[1][::-1])
-    np.testing.assert_array_equal(kept[1].points, lines[0][::-1])
+    # x + y / 2 of their means is 40 mm and 62 mm, whatever their lengths are.
+    np.testing.assert_array_equal(kept[0].points, lines[0][::-1])
+    np.testing.assert_array_equal(kept[1].points, lines[1][::-1])
 
 
 def test_reversing_a_strand_reverses_all_values_of_its_points(seen: Callable, straight: Callable) -> None:
@@ -142,17 +172,16 @@ def test_reversing_a_strand_reverses_all_values_of_its_points(seen: Callable, st
 
 def test_no_strands_no_strings() -> None:
     nothing = classify_strings(Refinement([], np.empty(0, dtype=np.int64), 0.0), np.empty((0, 3)), PARAMETERS)
-    assert (nothing.strings, nothing.ambiguities, nothing.warnings) == ((), (), ())
+    assert (nothing.strings, nothing.findings) == ((), ())
 
 
 def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
     sunk = line - (0, 0, 0.45 * R)
-    assert selected(surface, fitted(sunk)) == (
-        [],
-        ["excluded a piece of 100 mm at (50, 0, 2) mm: its tube would reach into the table"],
-    )
+    kept, findings = selected(surface, fitted(sunk))
+    assert kept == []
+    assert_excluded(findings, "piece-in-table", 0.1, (0.05, 0.0, 0.55 * R))
     # One end alone may be wrong; and heights count from the table.
     sunk[4:, 2] = R
     assert len(selected(surface, fitted(sunk))[0]) == 1

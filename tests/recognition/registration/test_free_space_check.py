@@ -9,6 +9,7 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from recognition.errors import ContradictingViewsError
+from recognition.model.quality import ExclusionReason
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.free_space_check import (
@@ -38,7 +39,9 @@ def strip(view: int, y_m: float, x_m: tuple[float, float] = (-0.1, 0.1)) -> Norm
     return NormalCloud(view, points[order], normals, np.eye(4), T_BASE_CAMERA, image(view, depth))
 
 
-def inconsistent(clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0) -> dict[int, str]:
+def inconsistent(
+    clouds: Sequence[NormalCloud], table_1: ChainParameters, robot: float = 1.0
+) -> dict[int, ExclusionReason]:
     return find_inconsistent_views(clouds, np.full(len(clouds), robot), table_1)
 
 
@@ -61,7 +64,8 @@ def test_the_contradicting_view_is_excluded_in_any_position(table_1: ChainParame
         clouds = [strip(10 + k, 0.02 if k == wrong else 0.0) for k in range(count)]
         reasons = inconsistent(clouds, table_1)
         assert list(reasons) == [10 + wrong]
-        assert "contradicts the other views" in reasons[10 + wrong]
+        assert reasons[10 + wrong].code == "view-contradicting"
+        assert "contradicts the other views" in reasons[10 + wrong].message
 
 
 def test_two_of_five_views_can_be_wrong_in_different_ways(table_1: ChainParameters) -> None:
@@ -128,7 +132,8 @@ def test_a_view_with_an_implausible_robot_error_is_excluded(table_1: ChainParame
     robot = np.array([1.0, 2.0, MAX_ROBOT_SIGMA + 2, 1.5])
     reasons = find_inconsistent_views(clouds, robot, table_1)
     assert list(reasons) == [2]
-    assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2]
+    assert reasons[2].code == "view-pose-error"
+    assert "12 sigma of the arm's accuracy (the other views: 2)" in reasons[2].message
     # If the arm is worse than assumed in all views, no single view is at fault. Of two views, either may be wrong.
     assert find_inconsistent_views(clouds, robot + 8, table_1) == {}
     assert find_inconsistent_views(clouds[1:3], robot[1:3], table_1) == {}

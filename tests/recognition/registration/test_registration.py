@@ -19,7 +19,7 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import find_correspondences
 from recognition.registration.pose_prior import PoseSigmas, twist_about
-from recognition.registration.registration import Registration, register, transform_cloud
+from recognition.registration.registration import MAX_HAND_EYE_ERROR_SIGMA, Registration, register, transform_cloud
 from recognition.view_ingestion import ingest_views
 
 S = np.arange(0.0, 0.24, 0.0008)
@@ -183,10 +183,10 @@ def apart(twists: np.ndarray) -> float:
     return float(np.sqrt((relative**2).sum(axis=1).mean()))
 
 
-def test_a_calibration_that_has_drifted_gives_a_warning(table_1: ChainParameters) -> None:
+def test_a_calibration_that_has_drifted_is_a_finding(table_1: ChainParameters) -> None:
     scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=6)
     scene = Scene(0.0, scan.header.workspace_m)
-    for drift_m, turn_rad, has_warning in (
+    for drift_m, turn_rad, has_drifted in (
         (0.0007, 0.0, False),
         (0.0, 0.003, False),
         (0.004, 0.0, True),
@@ -197,11 +197,17 @@ def test_a_calibration_that_has_drifted_gives_a_warning(table_1: ChainParameters
         ingested = ingest_views(views, table_1, scene)
         registration = register(ingested.clouds, table_1, ingested.correspondences)
         assert all(view.used for view in registration.views)
-        assert bool(registration.warnings) == has_warning
-        for warning in registration.warnings:
-            found = re.match(r"the calibration has drifted: .* with the camera (.+) mm and (.+) degrees from", warning)
+        drift = registration.hand_eye_drift
+        assert (drift is not None) == has_drifted
+        if drift is not None:
+            assert (drift.code, drift.severity, drift.limit) == ("calibration-drift", "doubt", MAX_HAND_EYE_ERROR_SIGMA)
+            assert drift.value is not None
+            assert drift.value > MAX_HAND_EYE_ERROR_SIGMA
+            found = re.match(
+                r"the calibration has drifted: .* with the camera (.+) mm and (.+) degrees from", drift.message
+            )
             assert found is not None
-            # A shift across the line of sight resembles a rotation of the camera. The warning has the most likely
+            # A shift across the line of sight resembles a rotation of the camera. The message has the most likely
             # mixture: half to all of the true error.
             if drift_m:
                 assert 0.5 < float(found[1]) / 1000 / drift_m < 1.0

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from recognition.geometry.polyline import arc_length, points_at
 from recognition.model.chains import Chain
+from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
@@ -26,30 +28,32 @@ def strand(*corners_mm: tuple[float, float]) -> Strand:
     return Strand(points, bridged)
 
 
-def chains_of(strands: list[Strand], parameters: ChainParameters) -> tuple[tuple[Chain, ...], list[str]]:
+def chains_of(strands: list[Strand], parameters: ChainParameters) -> tuple[tuple[Chain, ...], list[Finding]]:
     assembly = assemble_chains(strands, NOTHING, [], Scene(), parameters)
-    kept, chains, warnings = assembly.strands, assembly.chains, list(assembly.warnings)
+    kept, chains, findings = assembly.strands, assembly.chains, list(assembly.findings)
     assert len(kept) == len(chains)
     for kept_strand, chain in zip(kept, chains, strict=True):
         np.testing.assert_array_equal(kept_strand.points, chain.points)
-    return chains, warnings
+    return chains, findings
 
 
-def test_the_longest_comes_first_and_ids_follow_the_order(table_1: ChainParameters) -> None:
-    chains, warnings = chains_of(
-        [strand((0, 0), (50, 0)), strand((0, 20), (90, 20)), strand((0, 40), (70, 40))], table_1
+def test_chains_are_in_canonical_order_and_ids_follow_it(table_1: ChainParameters) -> None:
+    # x + y / 2 of their means is 25, 55 and 45 mm.
+    chains, findings = chains_of(
+        [strand((0, 0), (50, 0)), strand((0, 20), (90, 20)), strand((0, 40), (50, 40))], table_1
     )
     assert [chain.id for chain in chains] == [0, 1, 2]
-    np.testing.assert_allclose([chain.length_m for chain in chains], (0.09, 0.07, 0.05), rtol=0, atol=1e-9)
-    assert warnings == []
+    np.testing.assert_allclose([chain.length_m for chain in chains], (0.05, 0.05, 0.09), rtol=0, atol=1e-9)
+    np.testing.assert_allclose([chain.points[0, 1] for chain in chains], (0.0, 0.04, 0.02), rtol=0, atol=1e-9)
+    assert findings == []
 
 
-def test_each_begins_at_its_end_of_smaller_x_then_y(table_1: ChainParameters) -> None:
+def test_each_runs_along_x_and_a_half_of_y(table_1: ChainParameters) -> None:
     to_the_left = strand((90, 10), (0, 40))
     downwards = strand((5, 50), (5, -30))
     (first, second), _ = chains_of([to_the_left, downwards], table_1)
-    np.testing.assert_allclose(first.points[[0, -1], :2], [(0, 0.04), (0.09, 0.01)], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(second.points[[0, -1], :2], [(0.005, -0.03), (0.005, 0.05)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(first.points[[0, -1], :2], [(0.005, -0.03), (0.005, 0.05)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(second.points[[0, -1], :2], [(0, 0.04), (0.09, 0.01)], rtol=0, atol=1e-12)
 
 
 def test_a_string_has_the_same_order_in_whichever_direction_it_was_found(table_1: ChainParameters) -> None:
@@ -60,18 +64,32 @@ def test_a_string_has_the_same_order_in_whichever_direction_it_was_found(table_1
     np.testing.assert_array_equal(kept[0].bridged, kept[1].bridged)
 
 
-def test_pieces_shorter_than_r_cn_are_excluded_with_a_warning(table_1: ChainParameters) -> None:
+def test_pieces_shorter_than_r_cn_are_excluded_with_a_note(table_1: ChainParameters) -> None:
     # r_cn = 12.6 mm.
-    chains, warnings = chains_of([strand((0, 0), (12.5, 0)), strand((0, 20), (12.7, 20))], table_1)
+    chains, (excluded,) = chains_of([strand((0, 0), (12.5, 0)), strand((0, 20), (12.7, 20))], table_1)
     assert len(chains) == 1
-    assert warnings == ["excluded a piece of 12 mm at (6, 0, 4) mm: too short to be distinguished from noise"]
+    assert (excluded.code, excluded.severity, excluded.chains) == ("piece-too-short", "note", ())
+    assert excluded.value == pytest.approx(0.0125, abs=1e-12)
+    assert excluded.point_m == pytest.approx((0.00625, 0.0, 0.0042), abs=1e-12)
+    assert excluded.message == "excluded a piece of 12 mm at (6, 0, 4) mm: too short to be distinguished from noise"
 
 
-def test_no_strand_gives_a_warning(table_1: ChainParameters) -> None:
-    assert chains_of([], table_1) == ((), ["no string found: nothing above the table is long and thin"])
-    chains, warnings = chains_of([strand((0, 0), (5, 0))], table_1)
+def test_excluded_pieces_are_listed_by_length_and_the_rest_are_counted(table_1: ChainParameters) -> None:
+    _, findings = chains_of([strand((0, 20 * k), (5 + 0.5 * k, 20 * k)) for k in range(13)], table_1)
+    none_found, *excluded, further = findings
+    assert none_found.code == "no-string-found"
+    assert [found.value for found in excluded] == pytest.approx([0.011 - 0.0005 * k for k in range(10)], abs=1e-9)
+    assert (further.code, further.value) == ("more-pieces", 3)
+
+
+def test_no_strand_gives_a_note(table_1: ChainParameters) -> None:
+    chains, (none_found,) = chains_of([], table_1)
     assert chains == ()
-    assert len(warnings) == 2
+    assert (none_found.code, none_found.severity) == ("no-string-found", "note")
+    assert none_found.message == "no string found: nothing above the table is long and thin"
+    chains, findings = chains_of([strand((0, 0), (5, 0))], table_1)
+    assert chains == ()
+    assert [found.code for found in findings] == ["no-string-found", "piece-too-short"]
 
 
 def test_the_chain_has_the_properties_of_its_strand(table_1: ChainParameters) -> None:
@@ -84,10 +102,10 @@ def test_the_chain_has_the_properties_of_its_strand(table_1: ChainParameters) ->
     assert len(chain.sigma_m) == len(chain.views) == 45
 
 
-def test_an_end_at_the_workspaces_border_is_unseen(table_1: ChainParameters) -> None:
+def test_an_end_at_the_workspaces_border_is_unobserved(table_1: ChainParameters) -> None:
     scene = Scene(workspace_m=((-0.1, 0.092), (-0.1, 0.1), (0.0, 0.1)))
     (chain,) = assemble_chains([strand((90, 0), (0, 0))], NOTHING, [], scene, table_1).chains
-    assert chain.ends == ("free", "unseen")
+    assert chain.ends == ("free", "unobserved")
 
 
 def straight_strand(bridged: np.ndarray | None = None) -> Strand:

@@ -94,13 +94,13 @@ def test_both_ends_of_a_string_in_the_open_are_free(table_1: ChainParameters) ->
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_an_end_at_the_border_of_the_workspace_is_unseen(table_1: ChainParameters, reverse: bool) -> None:
+def test_an_end_at_the_border_of_the_workspace_is_unobserved(table_1: ChainParameters, reverse: bool) -> None:
     # The last point at 42 mm is within r_f = 8.4 mm of the border, the first is not.
     scene = Scene(workspace_m=((-0.1, 0.05), (-0.1, 0.1), (0.0, 0.1)))
     strand = straight(-42, 42)
-    expected = ("free", "unseen")
+    expected = ("free", "unobserved")
     if reverse:
-        strand, expected = Strand(strand.points[::-1], strand.bridged), ("unseen", "free")
+        strand, expected = Strand(strand.points[::-1], strand.bridged), ("unobserved", "free")
     assert classify_ends(strand, centres(-42, 42), scene, table_1) == expected
     # The same at the other pair of sides.
     turned = Strand(strand.points[:, [1, 0, 2]], strand.bridged)
@@ -108,9 +108,9 @@ def test_an_end_at_the_border_of_the_workspace_is_unseen(table_1: ChainParameter
     assert classify_ends(turned, centres(-42, 42)[:, [1, 0, 2]], scene, table_1) == expected
 
 
-def test_an_end_beyond_which_the_string_continues_is_unseen(table_1: ChainParameters) -> None:
+def test_an_end_beyond_which_the_string_continues_is_unobserved(table_1: ChainParameters) -> None:
     ahead = np.vstack([centres(-42, 42), centres(48, 70)])
-    assert classify_ends(straight(-42, 42), ahead, Scene(), table_1) == ("free", "unseen")
+    assert classify_ends(straight(-42, 42), ahead, Scene(), table_1) == ("free", "unobserved")
     # Farther than the extent of an intersection, or beside the ray: another string.
     far = np.vstack([centres(-42, 42), centres(56, 90), centres(43, 60) + np.array([0, 0.006, 0])])
     assert classify_ends(straight(-42, 42), far, Scene(), table_1) == ("free", "free")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
-from recognition.tracing.end_pairing import Pairing, pair_ends
+from recognition.tracing.end_pairing import MIN_CERTAIN_MARGIN, Pairing, pair_ends
 from recognition.tracing.fragments import Fragment
 from recognition.tracing.height_map import HeightMap
 
@@ -64,7 +64,7 @@ def test_a_strand_goes_on_under_another(heap: Callable, seen: Callable, degrees:
     hidden = 1.3 * R / np.sin(np.radians(degrees))
     found = pair_ends([*opened(under, hidden), fragment(over)], HeightMap(surface), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0, 1})}
-    assert found.ambiguous_points == []
+    assert found.ambiguous == []
 
 
 @pytest.mark.parametrize("degrees", [(0, 30), (0, 60), (0, 90), (0, 60, 120)])
@@ -143,13 +143,16 @@ def test_ends_that_fit_either_of_two_are_ambiguous(straight: Callable, seen: Cal
     surface, _ = seen([incoming, *out, *roof])
     found = pair_ends([fragment(incoming), *map(fragment, out)], HeightMap(surface), PARAMETERS)
     assert len(found.pairs) == 1
-    (point,) = found.ambiguous_points
-    assert np.linalg.norm(point - (0, 0, R)) < 2 * R
+    (pair,) = found.ambiguous
+    assert np.linalg.norm(pair.points.mean(axis=0) - (0, 0, R)) < 2 * R
+    # One of its ends is that of the strand that goes in; the other ends are 30 mm away.
+    assert np.linalg.norm(pair.points - incoming[-1], axis=1).min() < 0.3 * R
+    assert 0 <= pair.margin < MIN_CERTAIN_MARGIN
 
 
 def test_closed_fragments_have_no_ends(arc: Callable) -> None:
     found = pair_ends([fragment(arc(0.04, 0, 355), closed=True)], HeightMap(NOTHING_SEEN), PARAMETERS)
-    assert (len(found.ends.points), found.pairs, found.ambiguous_points) == (0, [], [])
+    assert (len(found.ends.points), found.pairs, found.ambiguous) == (0, [], [])
     nothing = pair_ends([], HeightMap(NOTHING_SEEN), PARAMETERS)
     assert (nothing.ends.points.shape, nothing.pairs) == ((0, 3), [])
 

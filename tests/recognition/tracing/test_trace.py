@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 import recognition.tracing.trace
 from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
-from recognition.tracing.end_pairing import FragmentEnds, Pairing
 from recognition.tracing.height_map import HeightMap
-from recognition.tracing.trace import TracedStrands, pairing_messages, trace_strands
+from recognition.tracing.trace import TracedStrands, trace_strands
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -137,13 +136,6 @@ def test_a_hole_of_a_radius_in_the_measurement_does_not_part_a_string(seen: Call
     points, normals = seen([axis], noise=NOISE)
     whole = np.abs(points[:, 0] - 0.06) > 0.5 * R
     assert strings_of(trace((points[whole], normals[whole])), [axis]) == [0]
-
-
-def test_ambiguous_pairs_are_reported_with_their_position() -> None:
-    no_ends = FragmentEnds(np.empty(0, dtype=np.int64), *(np.empty((0, 3)) for _ in range(3)))
-    assert pairing_messages(Pairing(no_ends, [], [])) == []
-    (message,) = pairing_messages(Pairing(no_ends, [], [np.array([0.0654, -0.1201, 0.0042])]))
-    assert message.startswith("at (65, -120, 4) mm the strands may be connected differently")
 
 
 def test_a_scene_with_too_many_fragments_is_rejected(
