@@ -1,4 +1,4 @@
-"""Format of positions in warnings and ambiguities."""
+"""Format of positions in messages."""
 
 import numpy as np
 from numpy.typing import NDArray
