@@ -123,7 +123,10 @@ def _parts(finding: Finding, chain: Chain, crossings: Sequence[Crossing]) -> lis
 
 def _merged(parts: Sequence[Interval], length: float, closed: bool) -> tuple[Interval, ...]:
     """Return the parts within 0 to `length`, in order and without overlaps. On a closed chain, parts wrap around."""
-    turns = (-length, 0.0, length) if closed else (0.0,)
+    turns = (0.0,)
+    if closed and length > 0:
+        parts = [(start % length, start % length + stop - start) for start, stop in parts]
+        turns = (-length, 0.0)
     turned = [(start + turn, stop + turn) for start, stop in parts for turn in turns]
     clipped = [
         (start if start > ROUNDING_M else 0.0, stop if stop < length - ROUNDING_M else length)
