@@ -116,13 +116,17 @@ class PointChainModel:
             raise ModelError(f"not a point chain model: {member}: {first['msg']}") from error
         except TypeError as error:
             raise ModelError(f"not a point chain model: parameters: {error}") from error
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise ModelError(f"not a point chain model: {error}") from error
         known = {chain.id for chain in model.chains}
         referred = {position.chain for crossing in model.crossings for position in (crossing.over, crossing.under)}
         referred |= {grasp.chain for grasp in model.grasps}
+        referred |= {chain for finding in model.quality.findings for chain in finding.chains}
         if not referred <= known:
             raise ModelError(f"the model refers to chains that it does not have: {sorted(referred - known)}")
+        named = {finding.crossing for finding in model.quality.findings} - {crossing.id for crossing in model.crossings}
+        if missing := sorted(number for number in named if number is not None):
+            raise ModelError(f"the model refers to crossings that it does not have: {missing}")
         return model
 
     def chain_trust(self, chain: int) -> ChainTrust:
