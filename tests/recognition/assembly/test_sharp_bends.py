@@ -40,3 +40,23 @@ def test_a_sharp_bend_is_a_blocking_finding_with_its_position(table_1: ChainPara
 def test_a_short_chain_has_no_bend(table_1: ChainParameters) -> None:
     assert sharp_bend_findings([chain(table_1, (0, 0), (13, 0))]) == []
     assert sharp_bend_findings(()) == []
+
+
+@pytest.mark.parametrize("first", range(40))
+def test_a_sharp_bend_of_a_ring_is_found_wherever_the_ring_begins(table_1: ChainParameters, first: int) -> None:
+    # A drop: three quarters of a circle of 24 mm radius, and its tangents, which meet at a right angle in the tip.
+    turn = np.linspace(-0.75 * np.pi, 0.75 * np.pi, 28)
+    arc = 0.024 * np.column_stack([np.cos(turn), np.sin(turn)])
+    tip = np.array([-0.024 * np.sqrt(2), 0.0])
+    drop = np.vstack([np.linspace(tip, arc[0], 6, endpoint=False), arc, np.linspace(tip, arc[-1], 7)[5:0:-1]])
+    points = np.column_stack([np.roll(drop, -first, axis=0), np.full(len(drop), 0.0042)])
+    n = len(points)
+    ring = Chain(0, True, table_1.r, points, np.full(n, 0.0002), np.ones(n, dtype=np.int64), ("free", "free"))
+    (found,) = sharp_bend_findings([ring])
+    assert found.value == pytest.approx(np.pi / 2, abs=1e-9)
+    assert found.point_m == pytest.approx((*tip, 0.0042), abs=1e-9)
+    # Two links of 4 mm before and after the tip.
+    assert found.s_range_m is not None
+    start, stop = found.s_range_m
+    assert stop - start == pytest.approx(0.016, abs=1e-9)
+    assert 0 <= start < ring.length_m

@@ -12,6 +12,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import ModelError
 from recognition.model.document import ModelDocument
+from recognition.model.findings import finding
 from recognition.model.model import PointChainModel
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
@@ -41,12 +42,58 @@ def test_a_document_gives_the_model_that_wrote_it(model: PointChainModel, docume
     np.testing.assert_allclose(again.crossings[0].point, model.crossings[0].point, atol=5.1e-7)
     np.testing.assert_allclose(again.grasps[0].T_base_grasp, model.grasps[0].T_base_grasp, atol=5.1e-7)
     assert again.parameters == model.parameters
-    assert again.quality == model.quality
+    assert again.quality.views == model.quality.views
+    # Findings are written to a micrometre.
+    assert again.to_json()["quality"] == document["quality"]
     assert again.to_json()["topology"] == document["topology"]
 
 
 def test_rounded_numbers_are_not_changed_by_reading(document: dict[str, Any]) -> None:
     assert ModelDocument.model_validate(document).model_dump(mode="json", by_alias=True) == document
+
+
+def test_a_document_that_was_read_is_written_again_with_the_same_verdicts(
+    model: PointChainModel, document: dict[str, Any]
+) -> None:
+    # A doubt about the last end, as the assembly makes it, and one about the crossing.
+    length = model.chains[0].length_m
+    doubts = (
+        finding("end-unobserved", "m", chains=(0,), end="last", s_range_m=(length - 0.021, length), value=1 / 3),
+        finding("crossing-undecided", "m", chains=(0,), crossing=0, point=model.crossings[0].point),
+    )
+    for findings in ((), doubts, (finding("sharp-bend", "m", chains=(0,)),)):
+        first = replace(model, quality=replace(model.quality, findings=findings)).to_json()
+        read_again = PointChainModel.from_json(json.loads(json.dumps(first)))
+        again = read_again.to_json()
+        assert again["quality"] == first["quality"]
+        assert [x["trust"] for x in again["crossings"]] == [x["trust"] for x in first["crossings"]]
+        assert again["chains"][0]["trust"] == first["chains"][0]["trust"]
+        # The length of rounded links differs from the length by at most a micrometre a link.
+        assert len(again["chains"][0]["trusted_m"]) == len(first["chains"][0]["trusted_m"])
+        for part, given in zip(again["chains"][0]["trusted_m"], first["chains"][0]["trusted_m"], strict=True):
+            np.testing.assert_allclose(part, given, rtol=0, atol=1e-6 * len(model.chains[0].points))
+        last = read_again.chains[0].length_m
+        assert read_again.trusted(0, last) == (findings == ())
+    assert document["quality"]["verdict"] == model.quality.verdict
+
+
+def test_a_finding_of_a_later_version_counts_by_its_severity(document: dict[str, Any]) -> None:
+    new = {"code": "new-code", "message": "m", "chains": [0]}
+    for severity, verdict in (("note", "accept"), ("doubt", "review"), ("blocking", "refuse")):
+        quality = document["quality"] | {"findings": [new | {"severity": severity}]}
+        model = PointChainModel.from_json(document | {"quality": quality})
+        assert model.chain_trust(0).verdict == verdict
+    quality = document["quality"] | {"findings": [new | {"severity": "worse"}]}
+    with pytest.raises(ModelError, match=r"quality\.findings\.0\.severity"):
+        PointChainModel.from_json(document | {"quality": quality})
+
+
+def test_findings_on_unknown_chains_and_crossings_are_refused(document: dict[str, Any]) -> None:
+    for member, message in (({"chains": [4]}, r"chains that .* \[4\]"), ({"crossing": 4}, r"crossings that .* \[4\]")):
+        found = {"code": "crossing-undecided", "severity": "doubt", "message": "m"} | member
+        quality = document["quality"] | {"findings": [found]}
+        with pytest.raises(ModelError, match=message):
+            PointChainModel.from_json(document | {"quality": quality})
 
 
 def test_a_document_that_contradicts_itself_is_refused(document: dict[str, Any]) -> None:
@@ -59,7 +106,7 @@ def test_a_document_that_contradicts_itself_is_refused(document: dict[str, Any])
 
 def test_a_document_that_is_not_a_model_is_refused(document: dict[str, Any]) -> None:
     with pytest.raises(ModelError, match="not a point chain model: schema"):
-        PointChainModel.from_json(document | {"schema": "pointchain/2"})
+        PointChainModel.from_json(document | {"schema": "pointchain/3"})
     chain = document["chains"][0]
     with pytest.raises(ModelError, match=r"chains\.0\.sigma_m\.0: .*finite"):
         PointChainModel.from_json(document | {"chains": [chain | {"sigma_m": [float("nan"), *chain["sigma_m"][1:]]}]})

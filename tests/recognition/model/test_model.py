@@ -2,12 +2,15 @@
 
 import json
 import math
+import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
+from recognition.model.findings import finding
 from recognition.model.model import METHODS, PointChainModel
 from recognition.model.quality import Quality, ViewQuality
 from recognition.parameters import ChainParameters
@@ -19,7 +22,7 @@ SQUARE = np.array([(0, 0, 0), (0.03, 0, 0), (0.03, 0.04, 0), (0, 0.04, 0)])
 def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
     count = len(points)
     return Chain(
-        number, closed, 0.0042, points, np.full(count, 0.0003), np.arange(count, dtype=np.int64), ("free", "unseen")
+        number, closed, 0.0042, points, np.full(count, 0.0003), np.arange(count, dtype=np.int64), ("free", "unobserved")
     )
 
 
@@ -33,16 +36,20 @@ def model(table_1: ChainParameters) -> PointChainModel:
     """Two chains: the first crosses itself and lies under the second."""
     views = (
         ViewQuality(0, True, None, 5213, 0.97, 0.0003, 0.0008, 0.002),
-        ViewQuality(1, False, "no pixel has a depth", 0),
+        ViewQuality(1, False, "no pixel has a depth", 0, code="view-without-depth"),
+    )
+    findings = (
+        finding("crossing-undecided", "not certain", chains=(0, 1), crossing=1, value=0.55, limit=0.9),
+        finding("view-without-depth", "excluded", view=1),
     )
     return PointChainModel(
         "enhanced",
         table_1,
         (chain(0, SQUARE), chain(1, SQUARE + 0.01)),
         (crossing(0, (0, 0.09), (0, 0.02), 1), crossing(1, (1, 0.05), (0, 0.04), -1)),
-        Quality(views, ("not certain",), ("excluded",)),
+        Quality(views, findings),
         {"preprocess": 0.05123456789},
-        grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3),),
+        grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3, trusted=False),),
     )
 
 
@@ -52,26 +59,28 @@ def test_the_document_has_the_keys_of_the_contract_and_no_others(model: PointCha
         "schema", "frame", "method", "parameters", "chains", "crossings", "topology", "grasps", "quality",
         "timing_s",
     }  # fmt: skip
-    assert (document["schema"], document["frame"], document["method"]) == ("pointchain/1", "base", "enhanced")
+    assert (document["schema"], document["frame"], document["method"]) == ("pointchain/2", "base", "enhanced")
     for entry in document["chains"]:
         assert set(entry) == {
-            "id", "closed", "radius_m", "length_m", "points", "arc_length_m", "sigma_m", "views", "ends"
+            "id", "closed", "radius_m", "length_m", "points", "arc_length_m", "sigma_m", "views", "ends",
+            "trust", "trusted_m",
         }  # fmt: skip
     for entry in document["crossings"]:
         assert set(entry) == {
-            "id", "point", "over", "under", "gap_m", "angle_rad", "sign", "confidence"
+            "id", "point", "over", "under", "gap_m", "angle_rad", "sign", "confidence", "trust"
         }  # fmt: skip
         assert set(entry["over"]) == set(entry["under"]) == {"chain", "s_m"}
-    assert set(document["quality"]) == {"views", "ambiguities", "warnings"}
+    assert set(document["quality"]) == {"verdict", "findings", "views"}
     for entry in document["quality"]["views"]:
         assert set(entry) == {
-            "index", "used", "reason", "points", "fitness", "rms_m", "correction_m", "correction_rad"
+            "index", "used", "reason", "code", "points", "fitness", "rms_m", "correction_m", "correction_rad"
         }  # fmt: skip
     assert set(document["topology"]) == {"gauss_code", "p_data"}
     assert set(document["topology"]["p_data"]) == {"elements", "matrix"}
     for entry in document["grasps"]:
         assert set(entry) == {
-            "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m", "score"
+            "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m", "score",
+            "trusted",
         }  # fmt: skip
 
 
@@ -114,9 +123,55 @@ def test_the_document_is_plain_json_of_finite_numbers_to_a_micrometre(model: Poi
     assert again["chains"][0]["points"] == SQUARE.tolist()
     assert again["chains"][0]["arc_length_m"] == [0.0, 0.03, 0.07, 0.1]
     assert again["chains"][0]["views"] == [0, 1, 2, 3]
-    assert again["chains"][0]["ends"] == ["free", "unseen"]
+    assert again["chains"][0]["ends"] == ["free", "unobserved"]
     assert again["quality"]["views"][1]["reason"] == "no pixel has a depth"
+    assert again["quality"]["views"][1]["code"] == "view-without-depth"
     assert again["quality"]["views"][1]["rms_m"] is None
+    assert again["quality"]["views"][0]["code"] is None
+
+
+def test_findings_have_only_the_members_that_apply(model: PointChainModel) -> None:
+    assert model.to_json()["quality"]["findings"] == [
+        {
+            "code": "crossing-undecided", "severity": "doubt", "message": "not certain", "chains": [0, 1],
+            "crossing": 1, "value": 0.55, "limit": 0.9,
+        },
+        {"code": "view-without-depth", "severity": "note", "message": "excluded", "view": 1},
+    ]  # fmt: skip
+
+
+def test_the_document_has_the_verdicts_and_the_trusted_parts(model: PointChainModel) -> None:
+    document = model.to_json()
+    assert document["quality"]["verdict"] == model.quality.verdict == "review"
+    assert [x["trust"] for x in document["crossings"]] == ["accept", "review"]
+    assert [entry["trust"] for entry in document["chains"]] == ["review", "review"]
+    # Three radii of 4.2 mm on both sides of the crossing: at 0.04 m on chain 0, and at 0.05 m on chain 1.
+    assert document["chains"][0]["trusted_m"] == [[0.0, 0.0274], [0.0526, 0.1]]
+    assert document["chains"][1]["trusted_m"] == [[0.0, 0.0374], [0.0626, 0.1]]
+    assert document["grasps"][0]["trusted"] is False
+    certain = replace(model, quality=replace(model.quality, findings=model.quality.findings[1:])).to_json()
+    assert certain["quality"]["verdict"] == "accept"
+    assert [entry["trust"] for entry in certain["chains"] + certain["crossings"]] == ["accept"] * 4
+    assert [entry["trusted_m"] for entry in certain["chains"]] == [[[0.0, 0.1]]] * 2
+
+
+def test_trusted_parts_are_written_to_a_micrometre_and_without_negative_zeros(table_1: ChainParameters) -> None:
+    third = np.linspace((-1e-9, -0.0, 0.0042), (1 / 3, -0.0, 0.0042), 40)
+    findings = [
+        finding("connection-uncertain", "doubt", chains=(0,), s_range_m=span) for span in ((-0.0, 1 / 30), (0.1, 1 / 7))
+    ]
+    document = PointChainModel(
+        "graph", table_1, (chain(0, third),), quality=Quality(findings=tuple(findings))
+    ).to_json()
+    assert document["chains"][0]["trusted_m"] == [[0.033333, 0.1], [0.142857, 0.333333]]
+    assert re.search(r"-0\.0(?!\d)", json.dumps(document)) is None
+
+
+def test_a_refused_model_has_no_trusted_part(model: PointChainModel) -> None:
+    refused = replace(model, quality=Quality(findings=(finding("sharp-bend", "the whole model"),))).to_json()
+    assert refused["quality"]["verdict"] == "refuse"
+    assert [entry["trust"] for entry in refused["chains"] + refused["crossings"]] == ["refuse"] * 4
+    assert [entry["trusted_m"] for entry in refused["chains"]] == [[], []]
 
 
 def test_the_gauss_code_lists_each_chains_crossings_in_order(model: PointChainModel) -> None:
@@ -130,9 +185,12 @@ def test_a_chain_without_crossings_has_an_empty_code(table_1: ChainParameters) -
 
 
 def test_no_string_is_a_valid_model(table_1: ChainParameters) -> None:
-    document = PointChainModel("enhanced", table_1, quality=Quality(warnings=("no string in view",))).to_json()
+    document = PointChainModel(
+        "enhanced", table_1, quality=Quality(findings=(finding("no-string-found", "none"),))
+    ).to_json()
     assert (document["chains"], document["crossings"], document["grasps"]) == ([], [], [])
     assert document["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
+    assert document["quality"]["verdict"] == "accept"
     json.dumps(document, allow_nan=False)
 
 

@@ -1,0 +1,72 @@
+"""Notes on excluded views, and doubts about a scene that changed and about the calibration."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from recognition.assembly.view_findings import drift_findings, view_findings
+from recognition.model.chains import Chain
+from recognition.model.findings import finding
+from recognition.model.quality import ViewQuality
+from recognition.registration.registration import Registration
+
+USED = ViewQuality(0, True, None, 500)
+
+
+def chain(number: int) -> Chain:
+    points = np.array([(0, 0, 0.004), (0.1, 0, 0.004)])
+    return Chain(number, False, 0.004, points, np.full(2, 1e-4), np.full(2, 8, dtype=np.int64), ("free", "free"))
+
+
+CHAINS = (chain(0), chain(1))
+
+
+def excluded(index: int, code: str) -> ViewQuality:
+    return ViewQuality(index, False, "its reason", 0, code=code)  # type: ignore[arg-type]  # a code of the table
+
+
+def test_each_excluded_view_is_a_note_with_its_index_and_reason() -> None:
+    views = [USED, excluded(1, "view-without-depth"), excluded(4, "view-pose-error"), replace(USED, index=5)]
+    findings = view_findings(views, 5, CHAINS)
+    assert [(found.code, found.severity, found.view) for found in findings] == [
+        ("view-without-depth", "note", 1),
+        ("view-pose-error", "note", 4),
+    ]
+    assert [found.message for found in findings] == [f"view {k} was excluded: its reason" for k in (1, 4)]
+    assert all(found.chains == () for found in findings)
+
+
+def test_used_views_give_no_finding() -> None:
+    assert view_findings([USED, replace(USED, index=1)], 1, CHAINS) == []
+    assert view_findings([], 0, ()) == []
+
+
+def test_a_view_of_the_empty_table_is_noted_only_if_other_views_show_a_string() -> None:
+    views = [excluded(0, "view-without-string"), excluded(1, "view-stuck")]
+    assert [found.code for found in view_findings(views, 1, CHAINS)] == ["view-without-string", "view-stuck"]
+    assert [found.code for found in view_findings(views, 1, ())] == ["view-stuck"]
+
+
+def test_the_scene_may_have_changed_if_the_last_view_contradicts_the_others() -> None:
+    note, doubt = view_findings([USED, excluded(7, "view-contradicting")], 7, CHAINS)
+    assert (note.code, note.view) == ("view-contradicting", 7)
+    assert (doubt.code, doubt.severity, doubt.chains, doubt.view) == ("scene-changed", "doubt", (0, 1), 7)
+
+
+def test_an_earlier_view_that_contradicts_or_another_reason_is_no_change() -> None:
+    assert [found.code for found in view_findings([excluded(3, "view-contradicting"), USED], 7, CHAINS)] == [
+        "view-contradicting"
+    ]
+    # Views are numbered by viewpoint. The last captured view may have any index.
+    assert len(view_findings([excluded(3, "view-contradicting"), excluded(7, "view-pose-error")], 7, CHAINS)) == 2
+    assert len(view_findings([excluded(3, "view-contradicting"), replace(USED, index=7)], 3, CHAINS)) == 2
+
+
+def test_a_drift_of_the_calibration_concerns_all_chains(registered: Callable[..., Registration]) -> None:
+    points = np.array([(0.0, 0.0, 0.004)])
+    registration = registered([(points, np.array([(0.0, 0.0, 1.0)]))])
+    assert drift_findings(registration, CHAINS) == []
+    drift = finding("calibration-drift", "message", value=9.0, limit=4.0)
+    (found,) = drift_findings(replace(registration, hand_eye_drift=drift), CHAINS)
+    assert found == replace(drift, chains=(0, 1))
