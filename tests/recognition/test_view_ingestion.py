@@ -84,7 +84,7 @@ def test_one_crowded_view_is_excluded_and_most_are_an_error(
     ingested = ingest_views([first, crowded(second), third], table_1, scene)
     assert [cloud.view for cloud in ingested.clouds] == [0, 2]
     (quality,) = ingested.excluded
-    assert (quality.index, quality.used) == (1, False)
+    assert (quality.index, quality.used, quality.code) == (1, False, "view-crowded")
     assert quality.reason is not None
     assert "points above the table, more than 100000" in quality.reason
     with pytest.raises(TooCrowdedError):

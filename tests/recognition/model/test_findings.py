@@ -54,7 +54,7 @@ def test_numbers_and_arrays_become_plain_values() -> None:
     found = finding(
         "possible-object",
         "message",
-        chains=[np.int64(3)],
+        chains=[3],
         s_range_m=(np.float64(0.1), np.float64(0.2)),
         point=np.array([1.0, 2.0, 3.0]),
         value=np.float64(0.7),

@@ -1,0 +1,414 @@
+"""Every code of a finding, provoked through the code that makes it, with the members that a program needs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import from_rotation_vector
+from cell.devices import View
+from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.clutter import Box
+from cell.simulation.scenes.scenes import StringScene, make_scene
+from recognition.assembly.crossings import find_fitted_crossings
+from recognition.assembly.sharp_bends import sharp_bend_findings
+from recognition.grasping.gripper import Gripper
+from recognition.model.chains import Chain
+from recognition.model.document import finding_json
+from recognition.model.finding_types import FINDING_TYPES, FindingCode
+from recognition.model.findings import Finding
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing.target_cloud import Scene
+from recognition.refinement.refinement import FittedStrand, Refinement
+from recognition.refinement.string_classifier import classify_strings
+from tests.recognition.validity import assert_valid_finding
+
+pytestmark = pytest.mark.slow
+
+Points = NDArray[np.float64]
+R = 0.0042
+MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "pointchain-1-message"}
+"""Codes that the service makes, and the code of old documents, which `test_schema_1` tests."""
+ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
+
+
+def line(start: tuple[float, float], end: tuple[float, float], z: float = R) -> Points:
+    """Return a straight centre line in steps of about 1 mm."""
+    a, b = np.array([*start, z]), np.array([*end, z])
+    return np.linspace(a, b, round(float(np.linalg.norm(b - a)) / 0.001) + 1)
+
+
+def scanned(*curves: Points, boxes: Sequence[Box] = (), views: int = 6) -> SimulatedScan:
+    """Return a scan of strings and boxes without noise and pose errors, in coarse pixels."""
+    scene = StringScene("codes", R, curves, tuple(boxes))
+    return simulate(scene, camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=views)
+
+
+def findings_of(
+    scan: SimulatedScan,
+    r: float = R,
+    views: Sequence[View] | None = None,
+    half_m: float | None = 0.13,
+    gripper: Gripper | None = None,
+) -> tuple[Finding, ...]:
+    """Return the findings of a scan in a workspace of twice `half_m`. None means the workspace of the scan."""
+    workspace = scan.header.workspace_m
+    if half_m is not None:
+        workspace = ((-half_m, half_m), (-half_m, half_m), (0.0, 0.12))
+    parameters = ChainParameters.for_radius(r)
+    model = recognise(views or scan.views, parameters, Scene(0.0, workspace), gripper=gripper).model
+    for found in model.quality.findings:
+        assert_valid_finding(found, model)
+    return model.quality.findings
+
+
+@cache
+def one_string() -> SimulatedScan:
+    return scanned(line(*ALONG_X))
+
+
+@cache
+def loop() -> SimulatedScan:
+    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS)
+
+
+def with_view(scan: SimulatedScan, index: int, change: Callable[[View], View]) -> list[View]:
+    """Return the views of a scan, one of them changed."""
+    views = list(scan.views)
+    views[index] = change(views[index])
+    return views
+
+
+def with_depth(depth: int) -> Callable[[View], View]:
+    """Return a change of a view that sets all depths to one number of counts."""
+    return lambda view: replace(view, depth=np.full_like(view.depth, depth))
+
+
+def of_plane(view: View, z_m: float, finer: int = 1) -> View:
+    """Return the view of a plane at a height instead of the scene, with `finer` times as many pixels each way."""
+    K = view.K * np.array([[finer], [finer], [1.0]])
+    T = view.T_base_camera
+    v, u = np.indices((view.depth.shape[0] * finer, view.depth.shape[1] * finer))
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
+    depth = np.rint((z_m - T[2, 3]) / rays[..., 2] / view.depth_unit_m)
+    return replace(view, depth=depth.astype(np.uint16), K=K)
+
+
+# --- parts of chains and crossings ---
+
+
+def chain(number: int, points: Points, views: int = 5) -> Chain:
+    n = len(points)
+    return Chain(number, False, R, points, np.full(n, 0.0004), np.full(n, views, dtype=np.int64), ("free", "free"))
+
+
+def sharp_bend() -> Sequence[Finding]:
+    """A simulated string with such a kink comes out rounder. The bend is that of a chain on the wrong strand."""
+    return sharp_bend_findings([chain(0, np.vstack([line((0, 0), (0.05, 0)), line((0.05, 0.001), (0.04, 0.05))])[::4])])
+
+
+@cache
+def flat_crossing() -> Sequence[Finding]:
+    """Two strings that cross at nearly one height."""
+    return findings_of(scanned(line((-0.08, 0), (0.08, 0)), line((0.01, -0.08), (0.01, 0.08), 1.2 * R)))
+
+
+@cache
+def hidden_junction() -> Sequence[Finding]:
+    """One string goes in under a box, and two strings come out, 8 degrees to both sides."""
+    c, s = np.cos(np.radians(8)), np.sin(np.radians(8))
+    through = np.vstack([line((-0.09, 0), (0, 0)), line((0, 0), (0.09 * c, 0.09 * s))[1:]])
+    other = line((0.01 * c, -0.01 * s), (0.09 * c, -0.09 * s))
+    return findings_of(scanned(through, other, boxes=[Box((0.008, 0), (0.03, 0.05, 0.012), 0.0)]))
+
+
+def unseen_upper_strand() -> Sequence[Finding]:
+    """The views saw the lower strand at the crossing, but not the upper one."""
+    over, under = line((-0.04, 0), (0.06, 0), 3 * R), line((0.01, -0.04), (0.01, 0.06))
+    return find_fitted_crossings([chain(0, over[::4], views=0), chain(1, under[::4])]).findings
+
+
+def fragmented() -> Sequence[Finding]:
+    """A radius that is 29 % too small breaks the knot into two chains."""
+    return findings_of(simulate(make_scene("overhand-knot", 13), camera_model("oak-d-pro"), 13), r=0.003, half_m=None)
+
+
+@cache
+def string_into_box() -> Sequence[Finding]:
+    """A box hides the end of a string. Its edges are no strings."""
+    return findings_of(scanned(line((-0.1, 0), (0, 0)), boxes=[Box((0.015, 0), (0.03, 0.05, 0.02), 0.1)]))
+
+
+# --- whole chains ---
+
+
+def fold_of_an_object() -> Sequence[Finding]:
+    """An edge of an object is recognised as a chain."""
+    return findings_of(simulate(make_scene("empty", 177), camera_model("oak-d-pro"), 177), half_m=None)
+
+
+@cache
+def raised() -> Sequence[Finding]:
+    """A string one radius above the table."""
+    return findings_of(scanned(line(*ALONG_X, 2 * R)))
+
+
+def far_away() -> Sequence[Finding]:
+    """Four noisy views from 0.6 m do not show whether a string of 100 mm is round."""
+    camera = replace(camera_model("oak-d-pro"), working_m=(0.6, 0.62))
+    scene = StringScene("codes", R, (line((-0.05, 0), (0.05, 0)),))
+    return findings_of(simulate(scene, camera, 3, errors=NO_ERRORS, views=4))
+
+
+def with_radius(r: float) -> Callable[[], Sequence[Finding]]:
+    return lambda: findings_of(one_string(), r)
+
+
+def moved_before_the_last_view() -> Sequence[Finding]:
+    other = scanned(line((-0.1, 0.03), (0.1, 0.03)))
+    return findings_of(one_string(), views=with_view(one_string(), -1, lambda _: other.views[-1]))
+
+
+def drifted() -> Sequence[Finding]:
+    """The camera is 4 mm from its calibrated pose in the flange."""
+    T_error = from_rotation_vector((0.004, 0, 0), (0, 0, 0))
+    scan = scanned(line(*ALONG_X), line((0.01, -0.1), (0.01, 0.1), 3 * R))
+    return findings_of(
+        scan, views=[replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
+    )
+
+
+# --- pieces and surface in no chain ---
+
+
+@cache
+def sunk(length_m: float, height_radii: float) -> Sequence[Finding]:
+    """A string, and another one in a groove of the table: hardly any of its surface is seen."""
+    half = length_m / 2
+    return findings_of(scanned(line(*ALONG_X), line((-half, 0.05), (half, 0.05), height_radii * R)))
+
+
+@cache
+def many_short_pieces() -> Sequence[Finding]:
+    """A string, and 13 pieces of 30 mm."""
+    corners = [(-0.1 + 0.05 * (k % 5), 0.03 + 0.025 * (k // 5)) for k in range(13)]
+    return findings_of(scanned(line(*ALONG_X), *(line((x, y), (x + 0.03, y)) for x, y in corners)))
+
+
+def in_the_table() -> Sequence[Finding]:
+    """A fitted strand whose tube reaches into the table, as the edge of a leaning plate."""
+    points = line((0, 0), (0.1, 0), 0.5 * R)[::3]
+    n = len(points)
+    strand = FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0, 0.0, 0.05)
+    refinement = Refinement([strand], np.zeros(n, dtype=np.int64), 0.0002)
+    return classify_strings(refinement, points + (0, 0, R), ChainParameters.for_radius(R)).findings
+
+
+# --- views ---
+
+
+def excluded(change: Callable[[View], View]) -> Callable[[], Sequence[Finding]]:
+    """Return a function that returns the findings of a scan with its view 2 changed."""
+    return lambda: findings_of(one_string(), views=with_view(one_string(), 2, change))
+
+
+def crowded() -> Sequence[Finding]:
+    """In the whole workspace, a plane in fine pixels has more than 100,000 points at the resolution for r = 3 mm."""
+    views = with_view(one_string(), 2, lambda view: of_plane(view, 0.05, finer=4))
+    return findings_of(one_string(), r=0.003, views=views, half_m=None)
+
+
+def contradicting() -> Sequence[Finding]:
+    other = scanned(line((-0.1, 0.03), (0.1, 0.03)))
+    return findings_of(one_string(), views=with_view(one_string(), 2, lambda _: other.views[2]))
+
+
+def wrong_pose() -> Sequence[Finding]:
+    """The arm was 4 mm higher than it reported."""
+    T_error = from_rotation_vector((0, 0, 0.004), (0, 0, 0))
+    return findings_of(
+        loop(), views=with_view(loop(), 2, lambda view: replace(view, T_base_flange=T_error @ view.T_base_flange))
+    )
+
+
+PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
+    "sharp-bend": sharp_bend,
+    "connection-uncertain": hidden_junction,
+    "crossing-undecided": flat_crossing,
+    "upper-strand-unseen": unseen_upper_strand,
+    "ends-touching": fragmented,
+    "end-unobserved": string_into_box,
+    "possible-bar": far_away,
+    "possible-object": fold_of_an_object,
+    "above-table": raised,
+    "radius-much-smaller": with_radius(0.006),
+    "possible-string": lambda: sunk(0.2, 0.4),
+    "table-not-covered": lambda: findings_of(one_string(), half_m=0.6),
+    "scene-changed": moved_before_the_last_view,
+    "calibration-drift": drifted,
+    "end-at-border": lambda: findings_of(one_string(), half_m=0.0985),
+    "radius-smaller": with_radius(0.005),
+    "radius-larger": with_radius(0.0036),
+    "no-grasp": lambda: findings_of(one_string(), gripper=Gripper(stroke_m=0.008)),
+    "no-trusted-grasp": raised,
+    "no-string-in-view": lambda: findings_of(one_string(), views=[of_plane(view, 0.0) for view in one_string().views]),
+    "no-string-found": lambda: findings_of(scanned(boxes=[Box((0, 0), (0.08, 0.05, 0.02), 0.2)])),
+    "piece-too-short": many_short_pieces,
+    "piece-hardly-seen": lambda: sunk(0.12, 0.5),
+    "piece-not-round": string_into_box,
+    "piece-in-table": in_the_table,
+    "more-pieces": many_short_pieces,
+    "unexplained-surface": many_short_pieces,
+    "more-unexplained-surface": many_short_pieces,
+    "view-without-depth": excluded(with_depth(0)),
+    "view-outside-workspace": excluded(with_depth(60000)),
+    "view-stuck": excluded(lambda view: with_depth(int(np.median(view.depth)) - 20)(view)),
+    "view-without-string": excluded(lambda view: of_plane(view, 0.0)),
+    "view-crowded": crowded,
+    "view-contradicting": contradicting,
+    "view-pose-error": wrong_pose,
+}
+"""A function for each code whose findings include one with this code."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What findings with a code have."""
+
+    members: frozenset[str] = frozenset()
+    """Members of the document apart from the code, the severity and the message."""
+    sense: Literal["above", "below", None] = None
+    """Side of the limit on which the value lies. None: the finding has no limit."""
+
+
+def has(members: str, sense: Literal["above", "below", None] = None) -> Expected:
+    names = {"part": "s_range_m", "point": "point_m"}
+    return Expected(frozenset(names.get(name, name) for name in members.split()), sense)
+
+
+EXPECTED: dict[FindingCode, Expected] = {
+    "sharp-bend": has("chains part point value limit", "above"),
+    "connection-uncertain": has("chains part point value limit", "below"),
+    "crossing-undecided": has("chains crossing point value limit", "below"),
+    "upper-strand-unseen": has("chains crossing point value limit", "below"),
+    "ends-touching": has("chains end part point value limit", "below"),
+    "end-unobserved": has("chains end part point"),
+    "possible-bar": has("chains point value limit", "above"),
+    "possible-object": has("chains point value limit", "above"),
+    "above-table": has("chains value limit", "above"),
+    "radius-much-smaller": has("chains value limit", "below"),
+    "possible-string": has("point value"),
+    "table-not-covered": has("value limit", "above"),
+    "scene-changed": has("chains view"),
+    "calibration-drift": has("chains value limit", "above"),
+    "end-at-border": has("chains end part point"),
+    "radius-smaller": has("chains value limit", "below"),
+    "radius-larger": has("chains value limit", "above"),
+    "no-grasp": has("chains"),
+    "no-trusted-grasp": has("chains value"),
+    "no-string-in-view": has(""),
+    "no-string-found": has(""),
+    "piece-too-short": has("point value"),
+    "piece-hardly-seen": has("point value"),
+    "piece-not-round": has("point value"),
+    "piece-in-table": has("point value"),
+    "more-pieces": has("value"),
+    "unexplained-surface": has("point value limit", "above"),
+    "more-unexplained-surface": has("value"),
+    "view-without-depth": has("view"),
+    "view-outside-workspace": has("view"),
+    "view-stuck": has("view"),
+    "view-without-string": has("view"),
+    "view-crowded": has("view"),
+    "view-contradicting": has("view"),
+    "view-pose-error": has("view"),
+}
+
+
+def test_each_code_of_the_table_is_provoked() -> None:
+    assert set(PROVOCATIONS) == set(EXPECTED) == set(FINDING_TYPES) - MADE_ELSEWHERE
+
+
+@pytest.mark.parametrize("code", PROVOCATIONS)
+def test_a_provoked_finding_has_its_severity_and_the_members_that_a_program_needs(code: FindingCode) -> None:
+    matching = [found for found in PROVOCATIONS[code]() if found.code == code]
+    assert matching, "the code does not occur"
+    expected = EXPECTED[code]
+    for found in matching:
+        assert found.severity == FINDING_TYPES[code].severity
+        document = finding_json(found)
+        assert set(document) == {"code", "severity", "message"} | expected.members
+        assert all(np.isfinite(number) for number in (*document.get("point_m", ()), *document.get("s_range_m", ())))
+        if found.value is not None:
+            assert found.value > 0
+        if expected.sense is not None:
+            assert found.value is not None
+            assert found.limit is not None
+            assert found.value > found.limit if expected.sense == "above" else found.value < found.limit
+
+
+@pytest.mark.parametrize("code", EXPECTED)
+def test_the_members_agree_with_the_table(code: FindingCode) -> None:
+    members, described = EXPECTED[code].members, FINDING_TYPES[code]
+    assert ("value" in members) == (described.value is not None)
+    assert ("limit" in members) == (EXPECTED[code].sense is not None)
+    if described.scope == "model":
+        assert not members & {"chains", "crossing", "end", "s_range_m"}
+    elif described.scope == "chain":
+        assert "chains" in members
+        assert not members & {"crossing", "end", "s_range_m"}
+    elif described.scope == "part":
+        assert {"chains", "s_range_m"} <= members
+    elif described.scope == "crossing":
+        assert {"chains", "crossing"} <= members
+        assert "s_range_m" not in members
+
+
+# --- where they are ---
+
+
+def only(findings: Sequence[Finding], code: str) -> Finding:
+    (found,) = (found for found in findings if found.code == code)
+    return found
+
+
+def test_the_excluded_view_is_named() -> None:
+    for code, provoke in PROVOCATIONS.items():
+        if code.startswith("view-"):
+            assert only(provoke(), code).view == 2
+    found = only(moved_before_the_last_view(), "scene-changed")
+    assert (found.view, found.chains) == (5, (0,))
+
+
+def test_positions_are_those_of_the_scene() -> None:
+    """Positions of chains and pieces are accurate to a millimetre, and those of hidden parts to a radius."""
+    crossing = only(flat_crossing(), "crossing-undecided")
+    assert crossing.point_m == pytest.approx((0.01, 0.0, 1.1 * R), abs=0.001)
+    end = only(string_into_box(), "end-unobserved")
+    assert (end.chains, end.end) == ((0,), "last")
+    assert end.point_m == pytest.approx((0.0, 0.0, R), abs=R)
+    assert only(raised(), "above-table").value == pytest.approx(R, abs=0.001)
+    piece = only(sunk(0.12, 0.5), "piece-hardly-seen")
+    assert piece.point_m is not None
+    # Up to 10 mm of it are missed at one end.
+    assert piece.value == pytest.approx(0.12, abs=0.01)
+    assert piece.point_m[:2] == pytest.approx((0.0, 0.05), abs=0.005)
+
+
+def test_more_pieces_are_counted_and_not_lost() -> None:
+    findings = many_short_pieces()
+    for listed, further in (("piece-too-short", "more-pieces"), ("unexplained-surface", "more-unexplained-surface")):
+        assert sum(found.code == listed for found in findings) + (only(findings, further).value or 0) == 13
+
+
+def test_the_measured_radius_is_the_value() -> None:
+    for code in ("radius-much-smaller", "radius-smaller", "radius-larger"):
+        # Measured on a string without noise, to 2 %.
+        assert only(PROVOCATIONS[code](), code).value == pytest.approx(R, rel=0.02)
