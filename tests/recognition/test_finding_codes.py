@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 Points = NDArray[np.float64]
 R = 0.0042
-MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "pointchain-1-message"}
+MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "pointchain-1"}
 """Codes that the service makes, and the code of old documents, which `test_schema_1` tests."""
 ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
 
@@ -208,7 +208,10 @@ def in_the_table() -> Sequence[Finding]:
     n = len(points)
     strand = FittedStrand(points, False, np.zeros(n, dtype=bool), np.full(n, 40.0), R, R, 0.0, 0.0, 0.05)
     refinement = Refinement([strand], np.zeros(n, dtype=np.int64), 0.0002)
-    return classify_strings(refinement, points + (0, 0, R), ChainParameters.for_radius(R)).findings
+    face = [points + (0, offset, R) for offset in np.arange(2.1 * R, 3 * R, 0.001)]
+    surface = np.vstack([points + (0, 0, R), *face])
+    refinement = replace(refinement, strand_of_point=np.where(np.arange(len(surface)) < n, 0, -1))
+    return classify_strings(refinement, surface, ChainParameters.for_radius(R)).findings
 
 
 # --- views ---

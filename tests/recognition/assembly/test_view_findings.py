@@ -1,9 +1,10 @@
 """Notes on excluded views, and doubts about a scene that changed and about the calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from recognition.assembly.view_findings import drift_findings, view_findings
 from recognition.model.chains import Chain
@@ -28,7 +29,7 @@ def excluded(index: int, code: str) -> ViewQuality:
 
 def test_each_excluded_view_is_a_note_with_its_index_and_reason() -> None:
     views = [USED, excluded(1, "view-without-depth"), excluded(4, "view-pose-error"), replace(USED, index=5)]
-    findings = view_findings(views, 5, CHAINS)
+    findings = view_findings(views, [0, 1, 4, 5], CHAINS)
     assert [(found.code, found.severity, found.view) for found in findings] == [
         ("view-without-depth", "note", 1),
         ("view-pose-error", "note", 4),
@@ -38,29 +39,45 @@ def test_each_excluded_view_is_a_note_with_its_index_and_reason() -> None:
 
 
 def test_used_views_give_no_finding() -> None:
-    assert view_findings([USED, replace(USED, index=1)], 1, CHAINS) == []
-    assert view_findings([], 0, ()) == []
+    assert view_findings([USED, replace(USED, index=1)], [1, 0], CHAINS) == []
+    assert view_findings([], [], ()) == []
 
 
 def test_a_view_of_the_empty_table_is_noted_only_if_other_views_show_a_string() -> None:
     views = [excluded(0, "view-without-string"), excluded(1, "view-stuck")]
-    assert [found.code for found in view_findings(views, 1, CHAINS)] == ["view-without-string", "view-stuck"]
-    assert [found.code for found in view_findings(views, 1, ())] == ["view-stuck"]
+    assert [found.code for found in view_findings(views, [0, 1], CHAINS)] == ["view-without-string", "view-stuck"]
+    assert [found.code for found in view_findings(views, [0, 1], ())] == ["view-stuck"]
 
 
-def test_the_scene_may_have_changed_if_the_last_view_contradicts_the_others() -> None:
-    note, doubt = view_findings([USED, excluded(7, "view-contradicting")], 7, CHAINS)
-    assert (note.code, note.view) == ("view-contradicting", 7)
-    assert (doubt.code, doubt.severity, doubt.chains, doubt.view) == ("scene-changed", "doubt", (0, 1), 7)
+def contradicting(*indices: int) -> list[ViewQuality]:
+    """Return eight views. Those with the given indices contradict the others."""
+    return [excluded(k, "view-contradicting") if k in indices else replace(USED, index=k) for k in range(8)]
 
 
-def test_an_earlier_view_that_contradicts_or_another_reason_is_no_change() -> None:
-    assert [found.code for found in view_findings([excluded(3, "view-contradicting"), USED], 7, CHAINS)] == [
-        "view-contradicting"
-    ]
-    # Views are numbered by viewpoint. The last captured view may have any index.
-    assert len(view_findings([excluded(3, "view-contradicting"), excluded(7, "view-pose-error")], 7, CHAINS)) == 2
-    assert len(view_findings([excluded(3, "view-contradicting"), replace(USED, index=7)], 3, CHAINS)) == 2
+def codes(views: Sequence[ViewQuality], captured: Sequence[int]) -> list[str]:
+    return [found.code for found in view_findings(views, captured, CHAINS)]
+
+
+def test_the_scene_may_have_changed_if_all_views_contradict_from_one_on() -> None:
+    *notes, doubt = view_findings(contradicting(6, 7), range(8), CHAINS)
+    assert [(note.code, note.view) for note in notes] == [("view-contradicting", 6), ("view-contradicting", 7)]
+    assert (doubt.code, doubt.severity, doubt.chains, doubt.view) == ("scene-changed", "doubt", (0, 1), 6)
+
+
+def test_the_order_of_capture_counts_and_not_the_index() -> None:
+    order = [6, 5, 7, 0, 1, 2, 4, 3]
+    assert "scene-changed" in codes(contradicting(3, 4), order)
+    assert "scene-changed" not in codes(contradicting(7), order)
+
+
+@pytest.mark.parametrize("indices", [(0,), (3,), (3, 7), (0, 6, 7)])
+def test_a_used_view_after_a_contradicting_one_shows_that_nothing_moved(indices: tuple[int, ...]) -> None:
+    assert codes(contradicting(*indices), range(8)) == ["view-contradicting"] * len(indices)
+
+
+def test_another_reason_is_no_change() -> None:
+    views = [*contradicting()[:7], excluded(7, "view-pose-error")]
+    assert codes(views, range(8)) == ["view-pose-error"]
 
 
 def test_a_drift_of_the_calibration_concerns_all_chains(registered: Callable[..., Registration]) -> None:

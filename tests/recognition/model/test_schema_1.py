@@ -10,7 +10,7 @@ import pytest
 
 from recognition.errors import ModelError
 from recognition.model.model import PointChainModel
-from recognition.model.schema_1 import convert
+from recognition.model.schema_1 import REASON, convert
 from recognition.parameters import ChainParameters
 
 Document = dict[str, Any]
@@ -118,9 +118,9 @@ def test_each_message_is_a_doubt_about_all_chains() -> None:
     given_document = document()
     given_document["chains"].append(given_document["chains"][0] | {"id": 3})
     model = PointChainModel.from_json(given_document)
-    assert [(found.code, found.severity) for found in model.quality.findings] == [("pointchain-1-message", "doubt")] * 2
-    assert tuple(found.message for found in model.quality.findings) == MESSAGES
-    assert [found.chains for found in model.quality.findings] == [(0, 3)] * 2
+    assert [(found.code, found.severity) for found in model.quality.findings] == [("pointchain-1", "doubt")] * 3
+    assert tuple(found.message for found in model.quality.findings) == (REASON, *MESSAGES)
+    assert [found.chains for found in model.quality.findings] == [(0, 3)] * 3
     assert model.quality.verdict == "review"
     for chain in (0, 3):
         assert (model.chain_trust(chain).verdict, model.chain_trust(chain).trusted_m) == ("review", ())
@@ -129,11 +129,12 @@ def test_each_message_is_a_doubt_about_all_chains() -> None:
     assert not model.trusted(0, model.grasps[0].s_m)
 
 
-def test_a_model_without_messages_is_accepted() -> None:
+def test_a_model_without_messages_is_reviewed_because_fewer_checks_were_made() -> None:
     model = PointChainModel.from_json(document((), ()))
-    assert (model.quality.verdict, model.quality.findings) == ("accept", ())
-    assert (model.chain_trust(0).verdict, model.crossing_verdict(0)) == ("accept", "accept")
-    assert model.grasps[0].trusted
+    (found,) = model.quality.findings
+    assert (found.message, found.chains) == (REASON, (0,))
+    assert (model.quality.verdict, model.chain_trust(0).verdict, model.crossing_verdict(0)) == ("review",) * 3
+    assert not model.grasps[0].trusted
 
 
 @pytest.mark.parametrize("messages", [((), ()), (MESSAGES, ()), ((), MESSAGES)])
@@ -142,11 +143,11 @@ def test_the_converted_members_agree_with_the_rules(messages: tuple[tuple[str, .
     converted = json.loads(json.dumps(convert(document(*messages))))
     written = PointChainModel.from_json(document(*messages)).to_json()
     for findings in (converted["quality"]["findings"], written["quality"]["findings"]):
-        assert [found["message"] for found in findings] == list(messages[0] + messages[1])
+        assert [found["message"] for found in findings] == [REASON, *messages[0], *messages[1]]
     # The length of the document is rounded, and the sum of the rounded links is not: 1 micrometre a link.
     assert converted.pop("timing_s") == written.pop("timing_s")
     for converted_chain, written_chain in zip(converted.pop("chains"), written.pop("chains"), strict=True):
-        np.testing.assert_allclose(converted_chain.pop("trusted_m"), written_chain.pop("trusted_m"), atol=5e-6)
+        assert converted_chain.pop("trusted_m") == written_chain.pop("trusted_m") == []
         np.testing.assert_allclose(converted_chain.pop("length_m"), written_chain.pop("length_m"), atol=5e-6)
         assert converted_chain == written_chain
     assert converted == written
@@ -163,8 +164,10 @@ def test_no_string_is_a_valid_model() -> None:
     empty["topology"] = {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
     model = PointChainModel.from_json(empty)
     assert model.chains == ()
-    (found,) = model.quality.findings
-    assert (found.chains, found.message) == ((), "no string in view")
+    assert [(found.chains, found.message) for found in model.quality.findings] == [
+        ((), REASON),
+        ((), "no string in view"),
+    ]
 
 
 def test_an_error_document_is_no_model_and_is_converted_unchanged() -> None:
@@ -235,6 +238,6 @@ def test_a_document_with_an_odd_value_anywhere_is_a_model_or_a_model_error(value
         container[key] = value
 
     models = [read(changed(path, put)) for path in PLACES]
-    # What was read has verdicts. Most values are refused in most places.
-    assert {model.quality.verdict for model in models if model is not None} <= {"accept", "review"}
+    # Most values are refused in most places.
+    assert {model.quality.verdict for model in models if model is not None} <= {"review"}
     assert models.count(None) > len(PLACES) / 4

@@ -69,6 +69,13 @@ def classified(surface: np.ndarray, *strands: FittedStrand, owned: float = 1.0) 
     )
 
 
+def with_face(surface: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Return the surface with a flat face of 10 mm beside the line, which begins two radii from it."""
+    offsets = np.arange(2.1 * R, 2.1 * R + 0.01, 0.001)
+    face = [point + (0, offset, 0) for point in line for offset in offsets]
+    return np.vstack([surface, face])
+
+
 def test_a_string_has_its_surface_to_itself(seen: Callable, straight: Callable) -> None:
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
@@ -84,7 +91,7 @@ def test_a_strand_with_a_profile_that_is_no_circle_is_no_string(seen: Callable, 
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
     assert len(selected(surface, replace(fitted(line), roundness_error_m=0.03 * R))[0]) == 1
-    assert_not_round(*selected(surface, replace(fitted(line), roundness_error_m=0.05 * R)))
+    assert_not_round(*selected(with_face(surface, line), replace(fitted(line), roundness_error_m=0.05 * R)))
 
 
 def test_a_strand_with_the_profile_of_a_square_bar_is_no_string_unless_it_may_be_either(
@@ -134,7 +141,37 @@ def test_a_long_poorly_supported_piece_may_be_a_string(seen: Callable, straight:
     np.testing.assert_array_equal(kept.points, longer)
     assert_excluded(found.findings, "possible-string", 0.2, (0.1, 0.0, R))
     assert found.findings[0].severity == "doubt"
-    assert found.findings[0].message.endswith("hardly seen, so it may be a string")
+    assert "hardly seen, but it may be a string" in found.findings[0].message
+
+
+@pytest.mark.parametrize(("roundness_error_m", "lowered_m"), [(0.05 * R, 0.0), (0.0, 0.45 * R)])
+def test_an_excluded_strand_that_lies_alone_may_be_a_string(
+    seen: Callable, straight: Callable, roundness_error_m: float, lowered_m: float
+) -> None:
+    """A string of another radius, or on a table of another height, is not round or lies in the table."""
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+    strand = replace(fitted(line - (0, 0, lowered_m)), roundness_error_m=roundness_error_m)
+
+    def codes(surface: np.ndarray, strand: FittedStrand, owned: float = 1.0) -> list[tuple[str, str]]:
+        return [(found.code, found.severity) for found in classified(surface, strand, owned=owned).findings]
+
+    excluded = [("piece-in-table" if lowered_m else "piece-not-round", "note")]
+    assert codes(surface, strand) == [("possible-string", "doubt")]
+    # An edge goes on as a face beside it.
+    assert codes(with_face(surface, line), strand) == excluded
+    # So does the edge of a small box, half of whose surface is on no tube.
+    assert codes(surface, strand, owned=0.5) == [("piece-not-round", "note")]
+    # A bar is square beyond doubt.
+    assert codes(surface, replace(strand, squareness=0.8)) == [("piece-not-round", "note")]
+    assert codes(surface, replace(strand, squareness=0.8, squareness_sigma=0.35)) == [("possible-string", "doubt")]
+
+
+def test_the_surface_of_a_string_beside_an_excluded_strand_does_not_count(seen: Callable, straight: Callable) -> None:
+    line, string = straight((0, 0, R), (0.1, 0, R), 0.003), straight((0, 3 * R, R), (0.12, 3 * R, R), 0.003)
+    surface, _ = seen([line, string])
+    thin = replace(fitted(line), roundness_error_m=0.05 * R)
+    assert [found.code for found in classified(surface, thin, fitted(string)).findings] == ["possible-string"]
 
 
 def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, straight: Callable) -> None:
@@ -179,7 +216,7 @@ def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straigh
     line = straight((0, 0, R), (0.1, 0, R), 0.003)
     surface, _ = seen([line])
     sunk = line - (0, 0, 0.45 * R)
-    kept, findings = selected(surface, fitted(sunk))
+    kept, findings = selected(with_face(surface, line), fitted(sunk))
     assert kept == []
     assert_excluded(findings, "piece-in-table", 0.1, (0.05, 0.0, 0.55 * R))
     # One end alone may be wrong; and heights count from the table.
