@@ -166,6 +166,11 @@ class CellSettings(StrictSettings):
             )
 
     @property
+    def simulated(self) -> bool:
+        """Whether the arm or the camera is simulated. What such a cell recognises is not on a real table."""
+        return isinstance(self.arm, SimulatedArm) or isinstance(self.camera, SimulatedCamera)
+
+    @property
     def workspace_m(self) -> tuple[Range, Range, Range]:
         """The box in the base frame."""
         floor = self.mounting.table_z_m

@@ -199,6 +199,7 @@ class Preparation:
             T_flange_camera=hand_eye.T_flange_camera,
             table_z_m=self._settings.mounting.table_z_m,
             workspace_m=self._settings.workspace_m,
+            simulated=self._settings.simulated,
             provenance={
                 "camera": f"{camera.product} {camera.device_id}",
                 "robot": f"{arm.model} {arm.serial}, software {arm.software}",

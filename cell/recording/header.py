@@ -19,7 +19,7 @@ REACH_M = 100.0
 """Largest distance of camera, table or workspace."""
 PROVENANCE_BYTES = 32 << 10
 """Largest provenance, names and values together."""
-_OWN = ("format", "depth_unit_m", "string_radius_m", "table_z_m", "workspace_m")
+_OWN = ("format", "depth_unit_m", "string_radius_m", "table_z_m", "workspace_m", "simulated")
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
@@ -42,6 +42,8 @@ class RecordingHeader:
     """Height of the table in the base frame, metres."""
     workspace_m: Box | None = None
     """Box ((x0, x1), (y0, y1), (z0, z1)) in the base frame, metres. None means no limit."""
+    simulated: bool | None = None
+    """Whether the arm or the camera was simulated, or None if not known."""
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Further metadata, for example camera, robot or seed; at most 32 KiB."""
 
@@ -82,6 +84,8 @@ def to_metadata(header: RecordingHeader) -> dict[str, str]:
     fields["table_z_m"] = repr(header.table_z_m)
     if header.workspace_m is not None:
         fields["workspace_m"] = json.dumps(header.workspace_m)
+    if header.simulated is not None:
+        fields["simulated"] = json.dumps(header.simulated)
     return fields | dict(header.provenance)
 
 
@@ -117,6 +121,7 @@ def parse_header(metadata: Mapping[str, str], hand_eye: bytes) -> RecordingHeade
         table_z_m=_number("table_z_m", metadata.get("table_z_m", "0")),
         workspace_m=None if workspace is None else _workspace(workspace),
         T_flange_camera=document["T_flange_camera"],
+        simulated=_flag("simulated", metadata.get("simulated")),
         provenance={key: value for key, value in metadata.items() if key not in _OWN},
     )
 
@@ -131,6 +136,13 @@ def _check_provenance(provenance: Mapping[str, str]) -> None:
         size += 8 + len(key.encode()) + len(value.encode())  # 8 bytes for the two lengths in the file
     if size > PROVENANCE_BYTES:
         raise RecordingHeaderError(f"the provenance has {size} bytes; at most {PROVENANCE_BYTES} are allowed")
+
+
+def _flag(name: str, text: str | None) -> bool | None:
+    values = {None: None, "true": True, "false": False}
+    if text not in values:
+        raise RecordingHeaderError(f"{name} is {text!r}; true, false or no value is possible")
+    return values[text]
 
 
 def _number(name: str, value: Any) -> float:

@@ -83,6 +83,7 @@ def simulate(
         table_z_m=0.0,
         workspace_m=((-half, half), (-half, half), (0.0, WORKSPACE_TOP_M)),
         T_flange_camera=nominal_T_flange_camera,
+        simulated=True,
         provenance={
             "camera": f"simulated {camera.name}",
             "robot": "simulated",

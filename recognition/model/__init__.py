@@ -9,6 +9,7 @@ from recognition.model.changes import ChainMatch, ModelChanges
 from recognition.model.finding_types import FINDING_TYPES, FindingCode, FindingType, Severity
 from recognition.model.findings import Finding
 from recognition.model.model import METHODS, SCHEMA, Method, PointChainModel
+from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, EndElement, PData, SegmentElement
 from recognition.model.trust import ChainTrust, Verdict
@@ -32,6 +33,7 @@ __all__ = [
     "ModelChanges",
     "PData",
     "PointChainModel",
+    "Provenance",
     "Quality",
     "SegmentElement",
     "Severity",

@@ -16,6 +16,7 @@ from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
 from recognition.model.changes import Change, ModelChanges
 from recognition.model.finding_types import FindingCode, Severity
 from recognition.model.findings import Finding, Which
+from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement
 from recognition.model.trust import ChainTrust, Interval, Verdict
@@ -422,6 +423,27 @@ class ChangesDocument(_Document):
         return cls.model_validate({"scan": scan, "matches": changes.matches, "new": changes.new, "gone": changes.gone})
 
 
+class ProvenanceDocument(_Document):
+    """Where a model comes from. Null where it is not known."""
+
+    release: str | None
+    """Release of Pointchain that made the model."""
+    scan: str | None
+    """Id of the scan in the service."""
+    captured_at: str | None
+    """Time of the last view, RFC 3339 in UTC. The model shows the scene at this moment."""
+    recording_sha256: str | None
+    """SHA-256 of the recording."""
+    calibration_sha256: str | None
+    """SHA-256 of the hand-eye calibration."""
+    simulated: bool | None
+    """Whether the arm or the camera was simulated."""
+
+    def to_provenance(self) -> Provenance:
+        """Return the provenance."""
+        return Provenance(**self._values(Provenance))
+
+
 class ModelDocument(_Document):
     """All strings of a scene as ordered point chains, with their crossings and grasps."""
 
@@ -442,6 +464,8 @@ class ModelDocument(_Document):
     quality: QualityDocument
     timing_s: dict[str, Rounded]
     """Duration of each stage, seconds."""
+    provenance: ProvenanceDocument | SkipJsonSchema[None] = _optional()
+    """Where the model comes from. Absent if recognition was called as a library."""
     since: ChangesDocument | SkipJsonSchema[None] = _optional()
     """Changes since an earlier scan. Absent unless the request asks for them."""
 

@@ -7,6 +7,7 @@ from typing import Any, Literal, Self, TypeVar, cast
 from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, Grasp
 from recognition.model.changes import ModelChanges, compare_chains
+from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data
 from recognition.model.trust import ChainTrust, Verdict, chain_trust, crossing_verdict
@@ -45,6 +46,8 @@ class PointChainModel:
     """Frame of all coordinates."""
     grasps: tuple[Grasp, ...] = ()
     """Grasps on all chains, the best first."""
+    provenance: Provenance | None = None
+    """Where the model comes from. None: recognition was called as a library."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the model as a JSON document of schema `pointchain/2`.
@@ -76,6 +79,7 @@ class PointChainModel:
                 "grasps": self.grasps,
                 "quality": self.quality,
                 "timing_s": dict(self.timing_s),
+                "provenance": self.provenance,
             }
         )
         return document.model_dump(mode="json", by_alias=True)
@@ -109,6 +113,7 @@ class PointChainModel:
                 timing_s=parsed.timing_s,
                 frame=parsed.frame,
                 grasps=tuple(grasp.to_grasp() for grasp in parsed.grasps),
+                provenance=None if parsed.provenance is None else parsed.provenance.to_provenance(),
             )
         except ValidationError as error:
             first = error.errors()[0]

@@ -16,7 +16,7 @@ from recognition.model.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS
 from service.problems.document import error_document
-from service.processing.results import OnStage, recognise_recording
+from service.processing.results import OnStage, Source, recognise_recording
 from service.processing.stage_figures import write_trace
 
 
@@ -89,6 +89,7 @@ def recognise_file(
             request.gripper,
             request.settings,
             request.all_grasps,
+            Source(recording_sha256=hash_recording(path)),
         )
         line = replace(_line(file, request, recognition.model.to_json(), path), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:

@@ -17,7 +17,7 @@ from service.jobs.inputs import recognition_inputs
 from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics
 from service.processing.recording_metadata import describe_recording
-from service.processing.results import Outcome
+from service.processing.results import Outcome, add_recording_hash
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
 from service.storage.data_folder import MODEL
@@ -59,6 +59,9 @@ def run_live_scan(
                     writer.write_result(json.loads((task.results / MODEL).read_bytes()))
                     writer.close()
                     keep_recording(store, scan.id)
+                    recording = store.recording(scan.id)
+                    if recording is not None:
+                        outcome = add_recording_hash(task.results, outcome, recording.sha256)
                 except BaseException:
                     worker.kill()  # its preview is of no use any more
                     raise

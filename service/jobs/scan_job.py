@@ -139,7 +139,9 @@ class ScanWork:
     def _replay(self, scan: ScanRow, results: Path) -> Outcome:
         recording = self._store.recording(scan.recording or "")
         assert recording is not None
-        task = self._task(scan, self._store.folder.recording(recording.id), results, recording.missing)
+        task = self._task(
+            scan, self._store.folder.recording(recording.id), results, recording.missing, recording.sha256
+        )
         inputs = recognition_inputs(task, recording.sha256)
         self._store.scans.update(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
@@ -151,7 +153,14 @@ class ScanWork:
         self._store.scans.update(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
         return run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
 
-    def _task(self, scan: ScanRow, source: Path | RecordingHeader, results: Path, missing: Sequence[str] = ()) -> Task:
+    def _task(
+        self,
+        scan: ScanRow,
+        source: Path | RecordingHeader,
+        results: Path,
+        missing: Sequence[str] = (),
+        recording_sha256: str | None = None,
+    ) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
         return Task(
             source,
@@ -163,6 +172,7 @@ class ScanWork:
             tuple(missing),
             scan.all_grasps,
             scan.id,
+            recording_sha256,
         )
 
     def _on_stage(self, scan_id: str) -> OnStage:

@@ -68,7 +68,14 @@ class Submissions:
         """
         with self._lock.reserved():
             scan = new_scan(
-                "replay", method, radius_m, requester, recording=recording.id, source=source, all_grasps=all_grasps
+                "replay",
+                method,
+                radius_m,
+                requester,
+                recording=recording.id,
+                source=source,
+                all_grasps=all_grasps,
+                simulated=recording.simulated,
             )
             with self._lock.accepting(Job(scan, None), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
@@ -96,7 +103,15 @@ class Submissions:
         with self._lock.reserved():
             prepared = self._cell.prepare_scan(views, requested_at)
             sha256 = prepared.hand_eye.sha256
-            scan = new_scan("live", method, radius_m, requester, calibration_sha256=sha256, all_grasps=all_grasps)
+            scan = new_scan(
+                "live",
+                method,
+                radius_m,
+                requester,
+                calibration_sha256=sha256,
+                all_grasps=all_grasps,
+                simulated=self._cell.settings.simulated,
+            )
             with self._lock.accepting(Job(scan, prepared), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
             return scan
@@ -130,6 +145,7 @@ def new_scan(
     source: str | None = None,
     calibration_sha256: str | None = None,
     all_grasps: bool = False,
+    simulated: bool | None = None,
 ) -> ScanRow:
     """Return the row of a scan that is accepted now.
 
@@ -142,6 +158,7 @@ def new_scan(
         source: Id of the scan that is reprocessed.
         calibration_sha256: Hash of the calibration with which a live scan was planned.
         all_grasps: Whether the model also has the grasps on parts with a doubt.
+        simulated: Whether the arm or the camera is simulated. None: not known.
     """
     return ScanRow(
         id=new_id(),
@@ -161,6 +178,7 @@ def new_scan(
         requested_by=requester.name,
         calibration_sha256=calibration_sha256,
         all_grasps=all_grasps,
+        simulated=simulated,
     )
 
 

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,13 @@ from recognition.grasping.gripper import Gripper
 from recognition.model.document import finding_json
 from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import Method, PointChainModel
+from recognition.model.provenance import Provenance
 from recognition.model.trust import Verdict
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
+from service.clock import format_utc
 from service.processing.preview import draw_preview
 from service.processing.view_outcomes import ViewOutcome, view_outcomes
 from service.storage.data_folder import CLOUD, MODEL
@@ -48,6 +52,19 @@ STAGE_START_FRACTION = {
 
 MAX_SUMMARY_DOUBTS = 20
 """Maximum number of doubts in the summary of a scan. The model has all of them."""
+
+FIRST_TIME_S = 946_684_800.0
+"""Earliest stamp that is a time, seconds since the epoch: the beginning of the year 2000."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What the service knows about the source of a model, for its provenance."""
+
+    scan: str | None = None
+    """Id of the scan."""
+    recording_sha256: str | None = None
+    """SHA-256 of the recording. None: the recording is not complete yet."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +129,7 @@ def recognise_recording(
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
     all_grasps: bool = False,
+    source: Source | None = None,
 ) -> Recognition:
     """Recognise a recording. The findings of the model list what is missing from the file.
 
@@ -123,6 +141,7 @@ def recognise_recording(
         gripper: Gripper for which grasps are planned. None: the default gripper.
         settings: Parameter values by name. They replace the values that follow from the radius.
         all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
+        source: Scan and hash of the recording, for the provenance of the model.
 
     Raises:
         RecordingError: The file cannot be used.
@@ -142,6 +161,7 @@ def recognise_recording(
         gripper,
         settings,
         all_grasps,
+        source,
     )
 
 
@@ -155,6 +175,7 @@ def recognise_views(
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
     all_grasps: bool = False,
+    source: Source | None = None,
 ) -> Recognition:
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
@@ -168,16 +189,60 @@ def recognise_views(
         gripper: Gripper for which grasps are planned. None: the default gripper.
         settings: Parameter values by name. They replace the values that follow from the radius.
         all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
+        source: Scan and hash of the recording, for the provenance of the model.
 
     Raises:
         RecognitionError: The radius or the views cannot be used.
     """
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
-    recognition = recognise(views, parameters, scene, method, on_stage, gripper, settings, all_grasps)
+    stamps: list[float] = []
+    recognition = recognise(
+        _noting_stamps(views, stamps), parameters, scene, method, on_stage, gripper, settings, all_grasps
+    )
     model = recognition.model
     quality = replace(model.quality, findings=most_serious_first((*missing, *model.quality.findings)))
-    return replace(recognition, model=replace(model, quality=quality))
+    provenance = _provenance(header, max(stamps), source or Source())
+    return replace(recognition, model=replace(model, quality=quality, provenance=provenance))
+
+
+def add_recording_hash(results: Path, outcome: Outcome, sha256: str) -> Outcome:
+    """Write the hash of the recording into the model, which was made before the recording was complete.
+
+    Args:
+        results: Folder of the files of the result.
+        outcome: Outcome with the hashes of these files.
+        sha256: SHA-256 of the recording.
+
+    Returns:
+        The outcome with the new hash of the model.
+    """
+    path = results / MODEL
+    document = json.loads(path.read_bytes())
+    document["provenance"]["recording_sha256"] = sha256
+    content = json.dumps(document, allow_nan=False).encode()
+    write_synced(path, content)
+    return replace(outcome, files=outcome.files | {MODEL: _hash_and_size(content)})
+
+
+def _noting_stamps(views: Iterable[View], stamps: list[float]) -> Iterator[View]:
+    """Yield the views, and append the stamp of each to `stamps`."""
+    for view in views:
+        stamps.append(view.stamp_s)
+        yield view
+
+
+def _provenance(header: RecordingHeader, last_stamp_s: float, source: Source) -> Provenance:
+    # Imported views without a time have small stamps.
+    has_time = last_stamp_s >= FIRST_TIME_S
+    return Provenance(
+        release=version("pointchain"),
+        scan=source.scan,
+        captured_at=format_utc(datetime.fromtimestamp(last_stamp_s, UTC)) if has_time else None,
+        recording_sha256=source.recording_sha256,
+        calibration_sha256=header.provenance.get("calibration_sha256"),
+        simulated=header.simulated,
+    )
 
 
 def incomplete_findings(missing: Iterable[str]) -> list[Finding]:

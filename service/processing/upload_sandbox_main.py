@@ -61,6 +61,7 @@ def describe(path: Path) -> dict[str, Any]:
         "string_radius_m": header.string_radius_m,
         "table_z_m": header.table_z_m,
         "provenance": dict(header.provenance),
+        "simulated": header.simulated,
     }
 
 

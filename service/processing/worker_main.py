@@ -29,6 +29,7 @@ from service.processing.results import (
     READING,
     WRITING,
     OnStage,
+    Source,
     incomplete_findings,
     recognise_views,
     write_preview,
@@ -65,7 +66,9 @@ class Task:
     all_grasps: bool = False
     """Whether the model also has the grasps on parts of chains with a doubt."""
     scan: str | None = None
-    """Id of the scan, for the log."""
+    """Id of the scan, for the log and for the provenance of the model."""
+    recording_sha256: str | None = None
+    """SHA-256 of the recording, for the provenance. None: the recording is in progress."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,15 @@ def _recognise_views(
     task: Task, views: Iterable[View], header: RecordingHeader, missing: Sequence[Finding], on_stage: OnStage
 ) -> Recognition:
     return recognise_views(
-        views, header, missing, task.radius_m, task.method, on_stage, task.gripper, all_grasps=task.all_grasps
+        views,
+        header,
+        missing,
+        task.radius_m,
+        task.method,
+        on_stage,
+        task.gripper,
+        all_grasps=task.all_grasps,
+        source=Source(task.scan, task.recording_sha256),
     )
 
 

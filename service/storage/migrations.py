@@ -130,6 +130,8 @@ UPDATE calibrations SET result = replace(result, '"schema_version": 1,', '"schem
 """,
     """
 ALTER TABLE scans ADD COLUMN all_grasps INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE scans ADD COLUMN simulated INTEGER;
+ALTER TABLE recordings ADD COLUMN simulated INTEGER;
 UPDATE scans SET summary = json_object(
         'chains', json_extract(summary, '$.chains'), 'crossings', json_extract(summary, '$.crossings'),
         'verdict', 'review',

@@ -25,6 +25,8 @@ class RecordingRow:
     provenance: dict[str, str]
     name: str | None = None
     """File name at the upload; None if it was not given or a live scan made the recording."""
+    simulated: bool | None = None
+    """Whether the arm or the camera was simulated; None if not known."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ class ScanRow:
     """SHA-256 and size of each file of the result, by name."""
     all_grasps: bool = False
     """Whether the model also has the grasps on parts of chains with a doubt."""
+    simulated: bool | None = None
+    """Whether the arm or the camera is simulated; None if not known."""
 
 
 @dataclass(frozen=True)
@@ -167,14 +171,21 @@ def insert(db: sqlite3.Connection, table: str, row: Row) -> None:
 
 def to_recording(row: sqlite3.Row) -> RecordingRow:
     """Convert a row of `recordings`."""
-    return RecordingRow(**_parsed(row, "missing", "provenance"))
+    values = _parsed(row, "missing", "provenance")
+    values["simulated"] = _flag(values["simulated"])
+    return RecordingRow(**values)
 
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """Convert a row of `scans`."""
     values = _parsed(row, "summary", "failure", "inputs", "files")
     values["kept"], values["all_grasps"] = bool(values["kept"]), bool(values["all_grasps"])
+    values["simulated"] = _flag(values["simulated"])
     return ScanRow(**values)
+
+
+def _flag(value: int | None) -> bool | None:
+    return None if value is None else bool(value)
 
 
 def to_calibration(row: sqlite3.Row) -> CalibrationRow:

@@ -95,6 +95,8 @@ class CellResource(ApiModel):
     """Type of the problem that keeps the cell from being ready, for programs."""
     reason: str | None
     """The same as a message for people, with what to do."""
+    simulated: bool
+    """Whether the arm or the camera is simulated."""
     robot: RobotResource
     camera: CameraResource
     calibration: CalibrationSummary | None
@@ -131,6 +133,7 @@ def cell_resource(
         state=status.state,
         problem=None if status.slug is None else f"urn:pointchain:{status.slug}",
         reason=status.reason,
+        simulated=settings.simulated,
         robot=RobotResource(
             kind=settings.arm.kind,
             model=settings.arm.model,

@@ -35,6 +35,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         requested_by=row.requested_by,
         kept=row.kept,
         calibration_sha256=row.calibration_sha256,
+        simulated=row.simulated,
         links=_links(row, own),
     )
 

@@ -108,6 +108,8 @@ class RecordingResource(ApiModel):
     """Messages about what is missing from the file."""
     string_radius_m: float | None
     table_z_m: float
+    simulated: bool | None
+    """Whether the arm or the camera was simulated. Null if the recording does not say."""
     provenance: dict[str, str]
     """Further values in the header, for example camera, robot and seed."""
     links: RecordingLinks
@@ -205,6 +207,8 @@ class ScanResource(ApiModel):
     """Whether a person has marked the scan to be kept. It is then not removed at any age."""
     calibration_sha256: str | None
     """SHA-256 of the hand-eye calibration that a live scan was planned with."""
+    simulated: bool | None
+    """Whether the arm or the camera is simulated. Null if the recording does not say."""
     links: ScanLinks
 
 

@@ -17,6 +17,7 @@ from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
+from service.batch.recognise_file import hash_recording
 from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
@@ -98,6 +99,8 @@ def take_scan(
             worker.run(task, lambda _: None, options.timeout_s, views, views.missing)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
+    if recording is not None:
+        model["provenance"]["recording_sha256"] = hash_recording(recording)
     return model
 
 
