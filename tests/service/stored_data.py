@@ -19,6 +19,8 @@ from service.storage.rows import ScanRow, ViewRow, insert
 from service.storage.store import Store
 
 LIVE, REPLAY, UPLOAD = "20260101t000000-000001-aaaaaaaa", "20260101t000000-000002-bbbbbbbb", "upload-1"
+SUMMARY = {"chains": 0, "crossings": 0, "verdict": "accept", "doubts": [], "doubt_count": 0, "note_count": 0}
+"""Summary of the replay."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,4 +115,4 @@ def add_result(store: Store, scan: ScanRow) -> None:
         name: {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
         for name, content in contents.items()
     }
-    store.scans.finish(scan.id, "succeeded", {"chains": 0, "crossings": 0, "warnings": []}, results, files)
+    store.scans.finish(scan.id, "succeeded", SUMMARY, results, files)

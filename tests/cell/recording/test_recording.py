@@ -44,7 +44,7 @@ HEADER = RecordingHeader(
     provenance={"camera": "made", "seed": "3"},
 )
 MODEL = {
-    "schema": "pointchain/1",
+    "schema": "pointchain/2",
     "frame": "base",
     "chains": [
         {

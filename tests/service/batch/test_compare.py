@@ -18,9 +18,10 @@ from recognition.preprocessing.target_cloud import Scene
 from service.batch.errors import BatchError
 from service.batch.model_diff import compare_models
 from service.cli.main import main
+from tests.service.schema_1 import as_schema_1
 
 Document = dict[str, Any]
-ERROR: Document = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:no-depth", "detail": "no depth"}}
+ERROR: Document = {"schema": "pointchain/2", "error": {"type": "urn:pointchain:no-depth", "detail": "no depth"}}
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +66,20 @@ def lose_crossing(document: Document) -> None:
     document["crossings"].pop()
 
 
-def add_ambiguity(document: Document) -> None:
-    document["quality"]["ambiguities"].append("which of the two")
+def add_doubt(document: Document) -> None:
+    document["quality"]["findings"].insert(0, undecided(0, 92, 0.61))
+
+
+def undecided(crossing: int, s_mm: int, confidence: float) -> Document:
+    """Return the doubt about over and under at a crossing."""
+    return {
+        "code": "crossing-undecided",
+        "severity": "doubt",
+        "message": f"chain 0 at {s_mm} mm: over or under? ({confidence})",
+        "chains": [0],
+        "crossing": crossing,
+        "value": confidence,
+    }
 
 
 def thicken(document: Document) -> None:
@@ -80,7 +93,7 @@ def thicken(document: Document) -> None:
         (reverse, "same", ""),
         (exchange, "topology", "over and under exchanged at 1"),
         (lose_crossing, "topology", "3 crossings became 2"),
-        (add_ambiguity, "ambiguities", "0 ambiguities became 1"),
+        (add_doubt, "findings", "0 crossing-undecided became 1"),
         (thicken, "radius", "radius 4.2 mm became 6 mm"),
         (lambda document: document["chains"].clear() or document["crossings"].clear(), "topology", "1 chains became 0"),
     ],
@@ -91,15 +104,51 @@ def test_each_change_has_its_kind(knot: Document, edit: Callable[[Document], Non
     assert message in change.what
 
 
-def test_another_ambiguity_is_a_change_but_another_number_in_it_is_not(knot: Document):
-    def with_ambiguity(text: str) -> Document:
-        return changed(knot, lambda document: document["quality"]["ambiguities"].append(text))
+def with_findings(document: Document, *findings: Document) -> Document:
+    return changed(document, lambda copy: copy["quality"].update(findings=list(findings)))
 
-    before = with_ambiguity("chain 0 at 92 mm: over or under? (0.61)")
-    after = with_ambiguity("chain 0 at 93 mm: over or under? (0.58)")
-    assert compare_models("knot", before, after, 1e-5).kind == "same"
-    change = compare_models("knot", before, with_ambiguity("chain 0 at 92 mm: a bar?"), 1e-5)
-    assert (change.kind, change.what) == ("ambiguities", "1 of 1 ambiguities are different")
+
+def test_another_code_is_a_change_but_other_numbers_are_not(knot: Document):
+    before = with_findings(knot, undecided(0, 92, 0.61))
+    assert compare_models("knot", before, with_findings(knot, undecided(0, 93, 0.58)), 1e-5).kind == "same"
+    bar = {"code": "possible-bar", "severity": "doubt", "message": "chain 0 at 92 mm: a bar?", "chains": [0]}
+    change = compare_models("knot", before, with_findings(knot, bar), 1e-5)
+    assert (change.kind, change.what) == ("findings", "1 crossing-undecided became 0, 0 possible-bar became 1")
+    twice = with_findings(knot, undecided(0, 92, 0.61), undecided(1, 130, 0.7))
+    assert compare_models("knot", before, twice, 1e-5).what == "1 crossing-undecided became 2"
+
+
+def test_a_blocking_finding_is_a_change_but_a_note_is_not(knot: Document):
+    bend = {"code": "sharp-bend", "severity": "blocking", "message": "it bends", "chains": [0], "s_range_m": [0.1, 0.2]}
+    change = compare_models("knot", with_findings(knot), with_findings(knot, bend), 1e-5)
+    assert (change.kind, change.what) == ("findings", "0 sharp-bend became 1")
+    note = {"code": "piece-too-short", "severity": "note", "message": "a piece of 9 mm", "value": 0.009}
+    assert compare_models("knot", with_findings(knot), with_findings(knot, note), 1e-5).kind == "same"
+
+
+def test_a_document_of_schema_1_is_compared_with_one_of_schema_2(knot: Document):
+    accepted = with_findings(knot)
+    assert compare_models("knot", as_schema_1(knot), accepted, 1e-5).kind == "same"
+    assert compare_models("knot", accepted, as_schema_1(knot), 1e-5).kind == "same"
+    # The order and the direction of chains were not canonical.
+    assert compare_models("knot", as_schema_1(changed(knot, reverse)), accepted, 1e-5).kind == "same"
+    change = compare_models("knot", as_schema_1(changed(knot, exchange)), accepted, 1e-5)
+    assert (change.kind, change.what) == ("topology", "over and under exchanged at 1")
+    doubtful = as_schema_1(knot, ["over or under?"], ["view 3 was excluded"])
+    change = compare_models("knot", doubtful, accepted, 1e-5)
+    assert (change.kind, change.what) == ("findings", "2 pointchain-1-message became 0")
+    error = ERROR | {"schema": "pointchain/1"}
+    assert compare_models("knot", error, ERROR, 1e-5).kind == "same"
+    assert compare_models("knot", error, accepted, 1e-5).kind == "gained"
+
+
+def test_lines_of_an_earlier_release_are_compared(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    before = write(tmp_path / "a.jsonl", [named(as_schema_1(knot), "a"), named(as_schema_1(knot, ["a bar?"]), "b")])
+    after = write(tmp_path / "b.jsonl", [named(with_findings(knot), name) for name in "ab"])
+    assert main(["compare", str(before), str(after)]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[:2]] == [["1", "doubts", "changed"], ["1", "unchanged"]]
+    assert lines[2].split() == ["doubts", "changed", "b.mcap", "1", "pointchain-1-message", "became", "0"]
 
 
 @pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
@@ -135,7 +184,7 @@ def test_errors_are_compared_too(knot: Document, before: str, after: str, kind: 
 
 
 def test_another_error_is_a_change():
-    other = {"schema": "pointchain/1", "error": {"type": "urn:pointchain:too-crowded", "detail": "crowded"}}
+    other = {"schema": "pointchain/2", "error": {"type": "urn:pointchain:too-crowded", "detail": "crowded"}}
     assert compare_models("knot", ERROR, other, 1e-5).kind == "error"
 
 

@@ -205,7 +205,7 @@ def test_a_killed_run_is_continued(batch: Path, one_by_one: Path, tmp_path: Path
     assert not out.exists()
     done = part.read_bytes().count(b"\n")
     with part.open("ab") as file:
-        file.write(b'{"schema": "pointchain/1", "chai')  # a line that a kill cut off
+        file.write(b'{"schema": "pointchain/2", "chai')  # a line that a kill cut off
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 1
     assert f"{done} were done before" in again.stderr
@@ -311,6 +311,15 @@ def test_an_unused_view_is_reported_with_its_reason(tmp_path: Path, capsys: pyte
     write_simulation(dataclasses.replace(scan, views=tuple(views)), tmp_path / "scan.mcap")
     assert main(["recognise", str(tmp_path / "scan.mcap")]) == 0
     printed = capsys.readouterr()
-    reasons = [view["reason"] for view in json.loads(printed.out)["quality"]["views"] if not view["used"]]
-    assert len(reasons) == 1
-    assert printed.err == f"pointchain recognise: {tmp_path / 'scan.mcap'}: view 3 was not used: {reasons[0]}\n"
+    quality = json.loads(printed.out)["quality"]
+    unused = [(view["index"], view["code"]) for view in quality["views"] if not view["used"]]
+    assert unused == [(3, "view-contradicting")]
+    (doubt,) = [found for found in quality["findings"] if found["severity"] == "doubt"]
+    assert printed.err.splitlines() == [
+        f"pointchain recognise: {tmp_path / 'scan.mcap'}: {message}"
+        for message in (
+            "verdict: review",
+            f"doubt: {doubt['message']} [table-not-covered]",
+            f"view 3 was excluded: {quality['views'][3]['reason']}",
+        )
+    ]

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.app import openapi_document
 from service.cli.commands.demo import indented
 from service.cli.main import main
@@ -34,12 +37,48 @@ def write(path: Path, header: RecordingHeader, views: Any) -> Path:
 
 
 def test_recognise_prints_one_model_per_line(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
-    code, models, err = run(capsys, "recognise", recording_file, recording_file)
-    assert (code, err) == (0, "")
+    code, models, _ = run(capsys, "recognise", recording_file, recording_file)
+    assert code == 0
     assert [len(model["chains"]) for model in models] == [1, 1]
     assert models[0]["chains"] == models[1]["chains"], "the same file gives the same model"
     assert models[0]["method"] == "graph"
     assert models[0]["parameters"]["r_m"] == 0.0042
+
+
+def test_recognise_prints_nothing_else_for_an_accepted_model(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    path = tmp_path / "arc.mcap"
+    write_simulation(simulate(make_scene("arc", 3), camera_model("ideal", (320, 200)), 3, views=4), path)
+    code, (model,), err = run(capsys, "recognise", path)
+    assert (code, err) == (0, "")
+    assert model["quality"]["verdict"] == "accept"
+    assert model["chains"][0]["trust"] == "accept"
+
+
+def test_recognise_prints_the_verdict_and_the_doubts(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
+    """With 6 mm as radius of the string of 4.2 mm, the model has a doubt about its only chain."""
+    code, (model,), err = run(capsys, "recognise", recording_file, "--radius", "0.006")
+    assert code == 0
+    quality = model["quality"]
+    doubts = [found for found in quality["findings"] if found["severity"] != "note"]
+    assert (quality["verdict"], doubts[0]["code"], doubts[0]["chains"]) == ("review", "radius-much-smaller", [0])
+    assert [line.split(f"{recording_file}: ", 1)[1] for line in err.splitlines()] == [
+        "verdict: review",
+        *(f"{found['severity']}: {found['message']} [{found['code']}]" for found in doubts),
+    ]
+
+
+def test_recognise_lists_untrusted_grasps_on_request(capsys: pytest.CaptureFixture[str], recording_file: Path) -> None:
+    arguments = ("recognise", recording_file, "--radius", "0.006")
+    _, (model,), _ = run(capsys, *arguments)
+    assert (model["grasps"], "all_grasps" in model["request"]) == ([], False)
+    _, (model,), _ = run(capsys, *arguments, "--all-grasps")
+    assert len(model["grasps"]) > 50
+    assert not any(grasp["trusted"] for grasp in model["grasps"])
+    assert model["request"]["all_grasps"] is True
+    _, (model,), _ = run(capsys, "recognise", recording_file, "--all-grasps")
+    assert all(grasp["trusted"] for grasp in model["grasps"]), "no doubt concerns the chain"
 
 
 def test_recognise_continues_after_a_bad_file(
@@ -49,7 +88,7 @@ def test_recognise_continues_after_a_bad_file(
     bad.write_bytes(b"not a recording at all")
     code, (first, second), err = run(capsys, "recognise", bad, recording_file)
     assert code == 1
-    assert first["schema"] == "pointchain/1"
+    assert first["schema"] == "pointchain/2"
     assert first["error"]["type"] == "urn:pointchain:not-mcap"
     assert str(bad) in first["error"]["file"]
     assert "bad.mcap" in err
@@ -134,7 +173,9 @@ def test_no_string_in_view_is_a_valid_empty_model(
     code, (model,), _ = run(capsys, "recognise", write(tmp_path / "none.mcap", beside, recording.views))
     assert code == 0
     assert model["chains"] == model["crossings"] == []
-    assert "no string of this radius in view" in model["quality"]["warnings"][0]
+    (empty,) = [found for found in model["quality"]["findings"] if found["code"] == "no-string-in-view"]
+    assert empty["severity"] == "note"
+    assert "no string of this radius in view" in empty["message"]
 
 
 def test_a_workspace_without_depth_is_rejected(
@@ -165,7 +206,9 @@ def test_a_truncated_recording_gives_a_model_or_an_error(
             assert len(document["chains"]) == 1
             # a cut in the index after the last view loses no data
             lost = len(document["quality"]["views"]) < 4
-            assert lost == any("file ends" in warning for warning in document["quality"]["warnings"])
+            findings = document["quality"]["findings"]
+            notes = [found["message"] for found in findings if found["code"] == "recording-incomplete"]
+            assert lost == any("file ends" in message for message in notes)
     # with four views of about equal size, a cut after the second view leaves enough for a model
     assert 10 < len(failed) < 40
 
@@ -239,9 +282,13 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
     assert main(["demo", str(folder)]) == 0
     out = capsys.readouterr().out
     assert "topology right" in out
+    model = json.loads((folder / "result" / "model.json").read_text())
+    quality = model["quality"]
+    assert f"\nVerdict            {quality['verdict']}\n" in out
+    for found in quality["findings"]:
+        assert f"\n{found['severity'].capitalize():19}{found['message']}\n" in out
     assert str(folder / "scan.mcap") in out
     assert not list(folder.rglob("old.*"))
-    model = json.loads((folder / "result" / "model.json").read_text())
     assert len(model["crossings"]) == 1
     text = (folder / "result" / "model.json").read_text()
     assert '\n  "chains": [\n' in text, "it is indented"
@@ -293,7 +340,8 @@ def test_recognise_uses_the_gripper_of_the_configuration(
     config.write_text("[gripper]\nstroke_m = 0.008\n")
     code, (model,), _ = run(capsys, "recognise", recording_file, "--config", config)
     assert (code, model["grasps"]) == (0, [])
-    assert any("the gripper opens 8.0 mm" in warning for warning in model["quality"]["warnings"])
+    (note,) = [found for found in model["quality"]["findings"] if found["code"] == "no-grasp"]
+    assert "the gripper opens 8.0 mm" in note["message"]
 
     config.write_text("[gripper]\nstroke_m = 8.0\n")
     code, documents, err = run(capsys, "recognise", recording_file, "--config", config)

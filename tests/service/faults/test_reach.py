@@ -46,8 +46,10 @@ def test_unreachable_viewpoints_are_refused_or_left_missing(
         assert {index: views[index]["reason"] for index in missing} == missing
         assert {view["state"] for index, view in views.items() if index not in missing} == {"recorded"}
         assert len(views) == 8
-        warnings = cell.client.get(scan["links"]["model"]).json()["quality"]["warnings"]
-        assert all(any(f"view {index} is missing" in warning for warning in warnings) for index in missing)
+        findings = cell.client.get(scan["links"]["model"]).json()["quality"]["findings"]
+        notes = {found["view"]: found["message"] for found in findings if found["code"] == "view-missing"}
+        assert notes.keys() == missing.keys()
+        assert all(f"view {index} is missing: {missing[index]}" in message for index, message in notes.items())
         # The missing views were reported before the first move.
         events = [
             event.data["data"] for event in read_events(cell.client, f"{location}/events", 0) if event.kind == "view"

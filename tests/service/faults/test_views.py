@@ -139,9 +139,10 @@ def test_blank_images_are_missing_views(cell: LiveCell, finished: Finished, capt
     ]
     assert len(views(scan, "recorded")) == 6
     assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == 6
-    warnings = get_strict_json(cell.client, scan["links"]["model"])["quality"]["warnings"]
-    for index in missing:
-        assert any(f"view {index} is missing" in warning for warning in warnings)
+    findings = get_strict_json(cell.client, scan["links"]["model"])["quality"]["findings"]
+    notes = {found["view"]: found["message"] for found in findings if found["code"] == "view-missing"}
+    assert notes.keys() == missing.keys()
+    assert all(f"view {index} is missing" in message for index, message in notes.items())
     get_strict_json(cell.client, scan["links"]["grasps"])
     increase = {name: value - before[name] for name, value in view_metrics(cell).items()}
     assert increase["views_total", "recorded"] == 6
@@ -205,8 +206,9 @@ def test_an_empty_table_gives_a_result_with_a_reason(cell: LiveCell, finished: F
     scan = finished(cell.client, cell.start())
     assert (scan["state"], scan["problem"]) == ("succeeded", None)
     assert scan["summary"]["chains"] == 0
-    assert any("no string" in warning for warning in scan["summary"]["warnings"])
-    assert get_strict_json(cell.client, scan["links"]["model"])["chains"] == []
+    model = get_strict_json(cell.client, scan["links"]["model"])
+    assert "no-string-in-view" in {found["code"] for found in model["quality"]["findings"]}
+    assert model["chains"] == []
     assert get_strict_json(cell.client, scan["links"]["grasps"])["grasps"] == []
     for link in scan["links"].values():
         if link is not None and link not in (scan["links"]["reprocess"], scan["links"].get("cancel")):

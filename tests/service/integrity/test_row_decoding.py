@@ -17,7 +17,7 @@ from service.integrity.repair import repair
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.store import Store
-from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data, check_target_of
+from tests.service.stored_data import LIVE, REPLAY, SUMMARY, UPLOAD, Data, check_target_of
 
 VERIFICATION = {
     "passed": True, "message": "well", "max_deviation_m": 0.001, "expected_m": 0.001, "board_displacement_m": None,
@@ -45,7 +45,7 @@ def assert_lists_are_readable(data: Data) -> None:
         ("state", "banana", "succeeded"),
         ("fraction", 7.0, 1.0),
         ("stage", b"\xff", None),
-        ("summary", "5", '{"chains": 0, "crossings": 0, "warnings": []}'),
+        ("summary", "5", json.dumps(SUMMARY)),
         ("failure", '["no failure"]', None),
         ("files", '{"model.json": 5}', None),
         ("inputs", "{not json", None),

@@ -66,18 +66,22 @@ def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_pat
     assert len(cloud) > 500
 
 
-def test_a_gripper_too_small_for_the_string_gives_a_warning(recording_file: Path) -> None:
+def test_a_gripper_too_small_for_the_string_gives_a_note(recording_file: Path) -> None:
     model = recognise_recording(recording_file, gripper=Gripper(stroke_m=0.008)).model
     assert model.grasps == ()
-    assert any("the gripper opens 8.0 mm" in warning for warning in model.quality.warnings)
+    (note,) = [found for found in model.quality.findings if found.code == "no-grasp"]
+    assert (note.severity, note.chains) == ("note", (0,))
+    assert "the gripper opens 8.0 mm" in note.message
 
 
-def test_a_truncated_file_gives_a_warning(recording_file: Path, tmp_path: Path) -> None:
+def test_a_truncated_file_gives_a_note(recording_file: Path, tmp_path: Path) -> None:
     content = recording_file.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: len(content) * 3 // 4])
     model = recognise_recording(cut).model
-    assert any("the file ends" in warning for warning in model.quality.warnings)
+    (note,) = [found for found in model.quality.findings if found.code == "recording-incomplete"]
+    assert note.severity == "note"
+    assert "the file ends" in note.message
 
 
 def test_the_start_fractions_cover_all_stages_and_increase() -> None:

@@ -110,11 +110,13 @@ def test_a_result_and_its_event_are_written_together(store: Store) -> None:
     results = store.folder.incoming(scan)
     results.mkdir()
     write_synced(results / "model.json", b"{}")
-    store.scans.finish(scan, "succeeded", {"chains": 1, "crossings": 0, "warnings": [], "partial": False}, results)
+    doubt = {"code": "possible-bar", "severity": "doubt", "message": "a bar?", "chains": [0], "value": 0.2}
+    summary = {"chains": 1, "crossings": 0, "verdict": "review", "doubts": [doubt], "doubt_count": 1, "note_count": 2}
+    store.scans.finish(scan, "succeeded", summary | {"partial": False}, results)
     (*_, last) = events_since(store, scan)
     assert last.final
-    assert last.data["summary"] == {"chains": 1, "crossings": 0, "warnings": [], "partial": False}
-    assert as_received([last])[0].data["data"]["summary"] == {"chains": 1, "crossings": 0, "warnings": []}
+    assert last.data["summary"] == summary | {"partial": False}
+    assert as_received([last])[0].data["data"]["summary"] == summary
     assert last.data["fraction"] == 1.0
 
 

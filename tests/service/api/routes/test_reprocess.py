@@ -127,7 +127,10 @@ def test_an_interrupted_scan_is_reprocessed_from_its_views(
     assert "view 3 is missing: out of the arm's reach" in missing
     again = finished(client, client.post(scan["links"]["reprocess"]).headers["Location"])
     assert again["state"] == "partial"
-    assert set(missing) <= set(again["summary"]["warnings"])
+    findings = client.get(again["links"]["model"]).json()["quality"]["findings"]
+    notes = [(found["severity"], found["message"]) for found in findings if found["code"] == "recording-incomplete"]
+    assert set(notes) >= {("note", message) for message in missing}
+    assert again["summary"]["note_count"] >= len(missing)
     assert client.get(cut).json() == scan  # unchanged
     # a client that never got its answer does not start another scan
     lost = client.post("/api/scans", json={"mode": "live"}, headers={"Idempotency-Key": "of yesterday"})

@@ -40,6 +40,12 @@ def upload(client: httpx2.Client, path: Path) -> str:
     return answer.json()["id"]
 
 
+def findings_of(client: httpx2.Client, scan: dict[str, Any], code: str) -> list[dict[str, Any]]:
+    """Return the findings with a code in the model of a scan."""
+    findings = client.get(scan["links"]["model"]).json()["quality"]["findings"]
+    return [found for found in findings if found["code"] == code]
+
+
 @pytest.mark.parametrize("method", ["matching", "enhanced"])
 def test_a_recording_becomes_a_model(client: httpx2.Client, recording: str, finished: Finished, method: str) -> None:
     scan = finished(client, start(client, recording, method=method))
@@ -79,7 +85,7 @@ def test_grasps_are_for_the_configured_gripper(
         grasps = client.get(scan["links"]["grasps"]).json()["grasps"]
         # at least 2 r and the margin, at most the stroke; the default margin alone would need 12.4 mm
         assert all(0.0094 < grasp["opening_m"] <= 0.011 for grasp in grasps)
-        reported = any("cannot be grasped" in warning for warning in scan["summary"]["warnings"])
+        reported = any("cannot be grasped" in found["message"] for found in findings_of(client, scan, "no-grasp"))
         assert reported == (not grasps)
 
 
@@ -91,7 +97,9 @@ def test_missing_views_make_a_partial_result(
     cut.write_bytes(content[: len(content) * 3 // 4])
     scan = finished(client, start(client, upload(client, cut)))
     assert scan["state"] == "partial"
-    assert any("the file ends" in warning for warning in scan["summary"]["warnings"])
+    (incomplete,) = findings_of(client, scan, "recording-incomplete")
+    assert incomplete["severity"] == "note"
+    assert "the file ends" in incomplete["message"]
 
 
 def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
@@ -104,7 +112,7 @@ def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable
     return target
 
 
-def test_a_scan_without_a_string_has_a_warning(client: httpx2.Client, finished: Finished, tmp_path: Path) -> None:
+def test_a_scan_without_a_string_has_a_note(client: httpx2.Client, finished: Finished, tmp_path: Path) -> None:
     K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
     T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
@@ -117,7 +125,8 @@ def test_a_scan_without_a_string_has_a_warning(client: httpx2.Client, finished: 
     scan = finished(client, start(client, upload(client, path)))
     assert scan["state"] == "succeeded", scan["problem"]
     assert scan["summary"]["chains"] == 0
-    assert any("no string" in warning for warning in scan["summary"]["warnings"])
+    assert len(findings_of(client, scan, "no-string-in-view")) == 1
+    assert scan["summary"]["note_count"] >= 1
     assert client.get(scan["links"]["model"]).json()["chains"] == []
     assert client.get(scan["links"]["grasps"]).json()["grasps"] == []
     assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,14 +29,14 @@ TIMEOUT_S = 120
 
 
 @contextmanager
-def scanning(folder: Path, host: str, time_factor: float) -> Iterator[subprocess.Popen[str]]:
+def scanning(folder: Path, host: str, time_factor: float, *options: str) -> Iterator[subprocess.Popen[str]]:
     """Run `pointchain scan scan.mcap` in `folder`, with a fast simulated cell."""
     (folder / "cell.toml").write_text(
         f"[arm]\nhost = '{host}'\ntime_factor = {time_factor}\nwatchdog_hz = 1.0\n"
         "[camera]\nmodel = 'ideal'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n[scan]\nstring_radius_m = 0.0042\n"
     )
     command = [sys.executable, "-c", "import sys; from service.cli.main import main; sys.exit(main(sys.argv[1:]))"]
-    command += ["scan", str(folder / "scan.mcap"), "--config", str(folder / "cell.toml")]
+    command += ["scan", str(folder / "scan.mcap"), "--config", str(folder / "cell.toml"), *options]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as running:
@@ -52,12 +53,34 @@ def test_the_model_goes_to_stdout_and_the_recording_gives_the_same(tmp_path: Pat
     model = json.loads(out)
     assert (len(model["chains"]), len(model["crossings"])) == (1, 1)
     assert "view 0 recorded" in err
-    assert "chains: 1, crossings: 1" in err
+    assert_summary(err, model)
     assert read_result(tmp_path / "scan.mcap") == model
     again = json.loads(json.dumps(recognise_recording(tmp_path / "scan.mcap").model.to_json()))
     for each in (model, again):
         each.pop("timing_s")
     assert again == model
+
+
+def assert_summary(err: str, model: dict[str, Any]) -> None:
+    """Check that stderr ends with the verdict and the findings of a model of one chain with one crossing."""
+    quality = model["quality"]
+    begin = err.index(f"chains: 1, crossings: 1, verdict: {quality['verdict']}\n")
+    assert err[begin:].splitlines()[1:] == [
+        f"pointchain scan: {found['severity']}: {found['message']} [{found['code']}]" for found in quality["findings"]
+    ]
+
+
+def test_the_verdict_and_the_doubts_go_to_stderr(tmp_path: Path) -> None:
+    """With 5.7 mm as radius of the string of 4.2 mm, the model has a doubt about its only chain."""
+    with scanning(tmp_path, free_host(), 20.0, "--radius", "0.0057", "--all-grasps") as running:
+        out, err = running.communicate(timeout=TIMEOUT_S)
+    assert running.returncode == 0, err
+    model = json.loads(out)
+    assert model["quality"]["verdict"] == "review"
+    assert [found["code"] for found in model["quality"]["findings"]] == ["radius-much-smaller"]
+    assert_summary(err, model)
+    assert model["grasps"]
+    assert not any(grasp["trusted"] for grasp in model["grasps"])
 
 
 @pytest.mark.parametrize(
