@@ -11,6 +11,7 @@ from fastapi.responses import FileResponse, JSONResponse
 
 from recognition.model.document import ChangesDocument, ModelDocument
 from recognition.model.model import PointChainModel
+from recognition.model.schema_1 import SCHEMA_1, convert
 from service.api.dependencies import Context, Id, Scan, Service, find_scan
 from service.api.file_responses import (
     NOT_MODIFIED,
@@ -77,10 +78,13 @@ async def get_model(
 
 @router.get("/{id}/grasps", response_model=GraspsDocument, responses=FILE_RESPONSES)
 def get_grasps(scan: Scan, service: Service, response: Response, if_none_match: IfNoneMatch) -> Any:
-    """Return the grasps of the strings by the configured gripper, the best first."""
+    """Return the grasps of the strings by the configured gripper, the best first.
+
+    Those of a model of schema `pointchain/1` are converted to `pointchain/2`.
+    """
     path = _result_path(scan, service, MODEL)
     _, of_model = stat_file(path, **_hash_and_size(scan, MODEL))
-    etag = f'{of_model[:-1]}-grasps"'
+    etag = f'{of_model[:-1]}-grasps-2"'  # 2 is the version of the schema, which may differ from that of the model
     if matches(if_none_match, etag):
         return not_modified_response(etag)
     model = json.loads(path.read_bytes())
@@ -88,6 +92,8 @@ def get_grasps(scan: Scan, service: Service, response: Response, if_none_match: 
         raise ProblemError(
             "no-result", f"scan {scan.id} is from an older version and has no grasps: scan again", scan=scan.id
         )
+    if model["schema"] == SCHEMA_1:
+        model = convert(model)
     response.headers["ETag"] = etag
     return {key: model[key] for key in ("schema", "frame", "grasps")}
 

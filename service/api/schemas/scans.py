@@ -225,7 +225,7 @@ class GraspsDocument(ApiModel):
 
     model_config = ConfigDict(extra="allow")
 
-    schema_: Literal["pointchain/1", "pointchain/2"] = Field(alias="schema")
+    schema_: Literal["pointchain/2"] = Field(alias="schema")
     frame: Literal["base"]
     grasps: list[GraspDocument]
     """The best first."""

@@ -10,9 +10,11 @@ import pytest
 
 from service.api.file_responses import matches
 from service.api.response_cache import MAX_AGE_S
+from service.api.schemas.scans import GraspsDocument
 from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
+from tests.service.schema_1 import store_as_schema_1
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
@@ -58,6 +60,25 @@ def test_the_row_has_the_inputs_and_the_result_files(client: ServedClient, scan:
     assert (row.inputs["method"], row.inputs["string_radius_m"]) == ("graph", 0.0042)
     assert row.inputs["gripper"]["stroke_m"] == 0.085
     assert row.inputs["software"]
+
+
+@pytest.mark.parametrize("messages", [[], ["over or under?"]])
+def test_grasps_of_a_model_of_schema_1_are_converted(
+    client: ServedClient, recording: str, finished: Finished, messages: list[str]
+) -> None:
+    body = {"mode": "replay", "recording": recording}
+    done = finished(client, client.post("/api/scans", json=body).headers["Location"])
+    old = store_as_schema_1(client, done["id"], messages)
+    assert client.get(done["links"]["model"]).json() == old
+    answer = client.get(done["links"]["grasps"])
+    assert answer.status_code == 200, answer.text
+    GraspsDocument.model_validate_json(answer.content)
+    document = answer.json()
+    assert (document["schema"], document["frame"]) == ("pointchain/2", "base")
+    assert len(document["grasps"]) > 50
+    assert document["grasps"] == [grasp | {"trusted": not messages} for grasp in old["grasps"]]
+    again = client.get(done["links"]["grasps"], headers={"If-None-Match": answer.headers["ETag"]})
+    assert again.status_code == 304
 
 
 @pytest.mark.parametrize(("name", "link"), [(MODEL, "model"), (MODEL, "grasps"), (CLOUD, "cloud")])
