@@ -13,6 +13,7 @@ from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
 from recognition.model.document import ModelDocument
 from recognition.model.model import SCHEMA
+from recognition.model.schema_1 import SCHEMA_1, convert
 from service.interchange.errors import ExportError
 
 STDIN = Path("-")
@@ -21,7 +22,7 @@ MAX_BYTES = 64 << 20
 
 
 def read_model(path: Path) -> dict[str, Any]:
-    """Read and check a model document.
+    """Read and check a model document. A model of schema `pointchain/1` is converted.
 
     Args:
         path: JSON file or recording; `-` is stdin.
@@ -80,12 +81,14 @@ def _parse(content: bytes, name: str) -> Any:
 
 
 def _check(document: Any, name: str) -> dict[str, Any]:
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+    if not isinstance(document, dict) or document.get("schema") not in (SCHEMA, SCHEMA_1):
         raise ExportError(f"{name} is not a model: a JSON object with schema {SCHEMA!r} is needed")
     if "error" in document:
         error = document["error"]
         detail = error.get("detail") if isinstance(error, dict) else error
         raise ExportError(f"{name} holds an error, not a model: {detail}")
+    if document["schema"] == SCHEMA_1:
+        document = _convert(document, name)
     try:
         model = ModelDocument.model_validate(document)
     except ValidationError as error:
@@ -99,6 +102,13 @@ def _check(document: Any, name: str) -> dict[str, Any]:
     if len(ids) < len(model.chains) or any({c.over.chain, c.under.chain} - ids for c in model.crossings):
         raise ExportError(f"{name} is not a model: two chains have the same id, or a crossing has an unknown chain")
     return document
+
+
+def _convert(document: dict[str, Any], name: str) -> dict[str, Any]:
+    try:
+        return convert(document)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ExportError(f"{name} is not a model of schema {SCHEMA_1!r}: {error!r}") from error
 
 
 def _reject_constant(name: str) -> NoReturn:
