@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
+from recognition.model.model import SCHEMA
 from service.batch.errors import BatchError
 from service.batch.formats import read_lines, write_lines
 from service.batch.recognise_file import RecognitionRequest, RecordingLine, hash_recording
@@ -134,15 +135,17 @@ class OutputFile:
         """Return the document of a line.
 
         Raises:
-            BatchError: The line is not of `pointchain recognise`, or was made for another request.
+            BatchError: The line is not of `pointchain recognise`, has another schema, or was made for another request.
         """
         try:
             document = json.loads(text)
-            earlier, _ = dict(document["request"]), document["recording"]["sha256"]
+            earlier, _, schema = dict(document["request"]), document["recording"]["sha256"], document["schema"]
         except (ValueError, KeyError, TypeError) as error:
             raise BatchError(
                 f"{self._path} exists and is not the output of pointchain recognise: name another file"
             ) from error
+        if schema != SCHEMA:
+            raise BatchError(f"{self._path} has models of schema {schema}, now {SCHEMA}: name another file")
         requested = self._request.to_json()
         if earlier != requested:
             differing = [key for key in {**requested, **earlier} if earlier.get(key) != requested.get(key)]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import psutil
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -21,6 +22,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from service.batch import recognise as recognise_module
 from service.cli.main import main
+from tests.service.schema_1 import as_schema_1
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because some tests run several busy processes
 
@@ -95,6 +97,25 @@ def test_parquet_has_the_same_documents(batch: Path, one_by_one: Path, tmp_path:
         len(model["crossings"]) for model in models
     ]
     assert [error for error in table["error"].to_pylist() if error] == ["recording-empty"]
+
+
+def test_parquet_has_the_verdict_and_the_codes_of_the_findings(recording_file: Path, tmp_path: Path):
+    """With 6 mm as radius of the string of 4.2 mm, the models have a doubt. A cut recording also has a note."""
+    whole = recording_file.read_bytes()
+    files = [tmp_path / name for name in ("cut.mcap", "whole.mcap", "damaged.mcap")]
+    for file, content in zip(files, (whole[: len(whole) * 3 // 4], whole, whole[: len(whole) // 20]), strict=True):
+        file.write_bytes(content)
+    out = tmp_path / "lines.parquet"
+    assert main(["recognise", *map(str, files), "--radius", "0.006", "--out", str(out)]) == 1
+    cut, complete, damaged = pq.read_table(out, columns=["verdict", "doubts", "notes"]).to_pylist()
+    assert (cut["verdict"], cut["notes"]) == ("review", ["no-trusted-grasp", "recording-incomplete"])
+    assert "radius-much-smaller" in cut["doubts"]
+    assert complete == {
+        "verdict": "review",
+        "doubts": ["radius-much-smaller", "table-not-covered"],
+        "notes": ["no-trusted-grasp"],
+    }
+    assert damaged == {"verdict": None, "doubts": None, "notes": None}
 
 
 def test_only_new_changed_and_unreadable_recordings_are_recognised_again(
@@ -268,6 +289,25 @@ def test_a_file_of_other_settings_is_rejected_and_unchanged(
     assert "name another file" in err
     assert one_by_one.read_bytes() == before
     assert not one_by_one.with_name("one.jsonl.part").exists()
+
+
+@pytest.mark.parametrize("suffix", [".jsonl", ".parquet", ".jsonl.part"])
+def test_a_file_of_another_schema_is_rejected_and_unchanged(
+    batch: Path, one_by_one: Path, tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
+):
+    """Check that the lines of an earlier release do not get into the output of this one."""
+    lines = [json.loads(line) for line in one_by_one.read_text().splitlines()]
+    old = [line | {"schema": "pointchain/1"} if "error" in line else as_schema_1(line) for line in lines]
+    file = tmp_path / f"lines{suffix}"
+    if suffix == ".parquet":
+        pq.write_table(pa.table({"document": [json.dumps(line) for line in old]}), file)
+    else:
+        file.write_text("".join(f"{json.dumps(line)}\n" for line in old))
+    before = file.read_bytes()
+    out = tmp_path / f"lines{suffix}".removesuffix(".part")
+    assert main(["recognise", str(batch), "--out", str(out)]) == 1
+    assert "has models of schema pointchain/1, now pointchain/2: name another file" in capsys.readouterr().err
+    assert file.read_bytes() == before
 
 
 def test_a_file_of_another_kind_is_rejected_and_unchanged(
