@@ -137,7 +137,7 @@ UPDATE scans SET summary = json_object(
         'verdict', 'review',
         'doubts', (SELECT json_group_array(json_object(
             'code', 'pointchain-1', 'severity', 'doubt', 'message', value))
-            FROM json_each(summary, '$.warnings')),
+            FROM json_each(summary, '$.warnings') WHERE key < 20),
         'doubt_count', json_array_length(summary, '$.warnings'), 'note_count', 0,
         'partial', json(CASE json_extract(summary, '$.partial') WHEN 1 THEN 'true' ELSE 'false' END))
     WHERE json_valid(summary) AND json_type(summary, '$.warnings') = 'array';
@@ -146,7 +146,7 @@ UPDATE events SET data = json_set(data, '$.summary', json_object(
         'verdict', 'review',
         'doubts', (SELECT json_group_array(json_object(
             'code', 'pointchain-1', 'severity', 'doubt', 'message', value))
-            FROM json_each(data, '$.summary.warnings')),
+            FROM json_each(data, '$.summary.warnings') WHERE key < 20),
         'doubt_count', json_array_length(data, '$.summary.warnings'), 'note_count', 0,
         'partial', json(CASE json_extract(data, '$.summary.partial') WHEN 1 THEN 'true' ELSE 'false' END)))
     WHERE kind = 'state' AND json_valid(data) AND json_type(data, '$.summary.warnings') = 'array';

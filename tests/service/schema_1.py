@@ -19,7 +19,8 @@ def as_schema_1(model: dict[str, Any], ambiguities: Sequence[str] = (), warnings
         ambiguities: Messages about undecided results.
         warnings: Messages about excluded data, and about data that contradict the given values.
     """
-    old = copy.deepcopy(model) | {"schema": "pointchain/1"}
+    old: dict[str, Any] = copy.deepcopy(model)
+    old["schema"] = "pointchain/1"
     for chain in old["chains"]:
         del chain["trust"], chain["trusted_m"]
         chain["ends"] = [_end(end) for end in chain["ends"]]

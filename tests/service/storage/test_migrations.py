@@ -9,9 +9,11 @@ from pathlib import Path
 import pytest
 
 from service.api.schemas.calibration_resources import run_resource
+from service.api.schemas.scan_resource import scan_resource
 from service.api.server_sent_events import change_event
 from service.errors import Failure
 from service.jobs.calibration_activation import why_not_activatable
+from service.processing.results import MAX_SUMMARY_DOUBTS
 from service.storage.data_folder import DataFolder
 from service.storage.database import migrate
 from service.storage.store import Store
@@ -143,3 +145,92 @@ def test_calibrations_of_version_7_get_the_present_names(tmp_path: Path) -> None
     assert (run.verification.board_displacement_m, run.verification.board_rotation_rad) == (0.009, 0.002)
     assert (run.verification.views[0].deviation_m, run.verification.views[0].deviation_rad) == (0.009, 0.002)
     assert (run.progress.views[0].corners, run.progress.views[0].board_corners) == (40, 48)
+
+
+WARNINGS_8 = ['view 3 was excluded: it "moved"', '{"warnings": []}', "größer als 4,2 mm"]
+SUMMARIES_8: dict[str, str | bytes | None] = {
+    "partial": json.dumps({"chains": 2, "crossings": 1, "warnings": WARNINGS_8, "partial": True}),
+    "whole": json.dumps({"chains": 1, "crossings": 0, "warnings": [], "partial": False}),
+    "older": json.dumps({"chains": 1, "crossings": 0, "warnings": []}),
+    "many": json.dumps({"chains": 1, "crossings": 0, "warnings": [str(k) for k in range(25)], "partial": False}),
+    "failed": None,
+    "no-json": '{"chains": 1, "warnings": [',
+    "no-object": "5",
+    "no-list": '{"chains": 1, "crossings": 0, "warnings": {"a": 1}}',
+    "no-text": b"\xff{}",
+}
+"""Summaries of version 8 by the id of their scan."""
+
+
+def doubts_9(messages: list[str]) -> list[dict[str, str]]:
+    return [{"code": "pointchain-1", "severity": "doubt", "message": message} for message in messages]
+
+
+SUMMARIES_9 = {
+    "partial": {"chains": 2, "crossings": 1, "verdict": "review", "doubts": doubts_9(WARNINGS_8), "doubt_count": 3,
+                "note_count": 0, "partial": True},
+    "whole": {"chains": 1, "crossings": 0, "verdict": "review", "doubts": [], "doubt_count": 0, "note_count": 0,
+              "partial": False},
+    "older": {"chains": 1, "crossings": 0, "verdict": "review", "doubts": [], "doubt_count": 0, "note_count": 0,
+              "partial": False},
+    "many": {"chains": 1, "crossings": 0, "verdict": "review", "doubts": doubts_9([str(k) for k in range(20)]),
+             "doubt_count": 25, "note_count": 0, "partial": False},
+}  # fmt: skip
+"""The same summaries in version 9. Those that are missing here are unchanged."""
+
+
+def test_summaries_of_version_8_get_a_verdict_and_doubts(tmp_path: Path) -> None:
+    with closing(DataFolder(tmp_path)) as folder:
+        with database_of_version(8, folder) as db:
+            columns = "id, mode, method, state, fraction, created_at, summary"
+            sql = f"INSERT INTO scans ({columns}) VALUES (?, 'live', 'graph', 'succeeded', 1.0, '08:54', ?)"
+            db.executemany(sql, SUMMARIES_8.items())
+        with closing(Store(folder)) as store:
+            rows = [store.scans.get(name) for name in SUMMARIES_9]
+        with closing(sqlite3.connect(folder.database)) as db:
+            stored = dict(db.execute("SELECT id, summary FROM scans").fetchall())
+    assert len(SUMMARIES_9["many"]["doubts"]) == MAX_SUMMARY_DOUBTS
+    for row in rows:
+        assert row is not None
+        assert row.summary is not None
+        assert row.summary == SUMMARIES_9[row.id]
+        assert row.summary["partial"] is SUMMARIES_9[row.id]["partial"], "not 0 or 1"
+        assert row.all_grasps is False
+        shown = scan_resource(row, []).model_dump(mode="json")["summary"]
+        assert shown == {name: value for name, value in row.summary.items() if name != "partial"}
+    unchanged = SUMMARIES_8.keys() - SUMMARIES_9.keys()
+    assert {name: stored[name] for name in unchanged} == {name: SUMMARIES_8[name] for name in unchanged}
+
+
+def test_events_of_version_8_get_a_verdict_and_doubts(tmp_path: Path) -> None:
+    state = {"state": "succeeded", "stage": None, "fraction": 1.0, "failure": None}
+    kept = {
+        "view": json.dumps({"index": 0, "summary": {"warnings": []}}),  # another kind of event
+        "state": json.dumps(state | {"state": "processing", "fraction": 0.5, "summary": None}),
+        "state ": '{"summary": {"warnings": [',
+    }
+    with closing(DataFolder(tmp_path)) as folder:
+        with database_of_version(8, folder) as db:
+            columns = "id, mode, method, state, fraction, created_at"
+            for scan in (*SUMMARIES_9, "other"):
+                sql = f"INSERT INTO scans ({columns}) VALUES (?, 'live', 'graph', 'succeeded', 1.0, '08:54')"
+                db.execute(sql, (scan,))
+            sql = "INSERT INTO events (scan, at, kind, data) VALUES (?, '08:54', ?, ?)"
+            for scan in SUMMARIES_9:
+                text = SUMMARIES_8[scan]
+                assert isinstance(text, str)
+                db.execute(sql, (scan, "state", json.dumps(state | {"summary": json.loads(text)})))
+            for kind, text in kept.items():
+                db.execute(sql, ("other", kind.strip(), text))
+        with closing(Store(folder)) as store:
+            for scan, summary in SUMMARIES_9.items():
+                missed = store.events.since(scan, 0)
+                assert missed is not None
+                (event,) = missed.events
+                assert event.data == state | {"summary": summary}
+                shown = {name: value for name, value in summary.items() if name != "partial"}
+                (data,) = (line for line in change_event(event).decode().splitlines() if line.startswith("data: "))
+                assert json.loads(data.removeprefix("data: "))["data"]["summary"] == shown
+        with closing(sqlite3.connect(folder.database)) as db:
+            texts = [text for (text,) in db.execute("SELECT data FROM events WHERE scan = 'other' ORDER BY id")]
+    assert texts == list(kept.values())
