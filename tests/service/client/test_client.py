@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from service.client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
-from tests.service.conftest import PATIENCE_S, Serve, wait_until
+from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
+from tests.service.schema_1 import store_as_schema_1
 
 
 @pytest.fixture
@@ -36,6 +37,45 @@ def test_a_recording_becomes_a_model_with_arrays(planner: Client, recording_file
     assert next(planner.scans(mode="replay", state="succeeded")).id == scan.id
     # waiting for an ended scan returns the same
     assert planner.wait(scan.id) == scan
+
+
+def test_the_model_says_which_positions_are_trusted(planner: Client, recording: str) -> None:
+    """With 6 mm as radius of the string of 4.2 mm, the model has a doubt about its only chain."""
+    scan = planner.replay(recording, timeout_s=PATIENCE_S)
+    model = planner.model(scan)
+    assert model.trusted(0)
+    assert all(grasp.trusted and model.trusted(grasp.chain, grasp.s_m) for grasp in model.grasps)
+    with pytest.raises(KeyError):
+        model.trusted(1)
+    scan = planner.replay(recording, string_radius_m=0.006, timeout_s=PATIENCE_S)
+    assert scan.summary is not None
+    assert (scan.all_grasps, scan.summary.verdict) == (False, "review")
+    model = planner.model(scan)
+    assert [found.code for found in model.quality.doubts] == [found.code for found in scan.summary.doubts]
+    assert not model.trusted(0)
+    assert not model.trusted(0, model.chains[0].length_m / 2)
+    assert model.grasps == ()
+    scan = planner.replay(recording, string_radius_m=0.006, all_grasps=True, timeout_s=PATIENCE_S)
+    assert scan.all_grasps
+    model = planner.model(scan)
+    assert model.grasps
+    assert not any(grasp.trusted or model.trusted(grasp.chain, grasp.s_m) for grasp in model.grasps)
+
+
+@pytest.mark.parametrize("warnings", [[], ["view 3 was excluded: it moved"]])
+def test_a_stored_model_of_schema_1_is_read(
+    planner: Client, client: ServedClient, recording: str, warnings: list[str]
+) -> None:
+    scan = planner.replay(recording, timeout_s=PATIENCE_S)
+    old = store_as_schema_1(client, scan.id, warnings=warnings)
+    model = planner.model(scan)
+    assert [found.code for found in model.quality.findings] == ["pointchain-1-message"] * len(warnings)
+    assert [found.message for found in model.quality.findings] == warnings
+    assert model.quality.verdict == ("review" if warnings else "accept")
+    assert model.trusted(0) == (not warnings)
+    assert model.chains[0].points.tolist() == old["chains"][0]["points"]
+    assert len(model.grasps) == len(old["grasps"]) > 50
+    assert all(grasp.trusted == (not warnings) for grasp in model.grasps)
 
 
 def test_a_recording_can_be_uploaded_from_a_text_path(planner: Client, recording_file: Path) -> None:

@@ -1,21 +1,27 @@
 """The metrics at `/metrics` match what happened."""
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import httpx2
 import pytest
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
 
+from cell.recording import RecordingWriter, read_recording
+from recognition.model.finding_types import FINDING_TYPES
+from recognition.model.trust import Verdict
 from service.logs.request_time import arrival_time, request_arrival
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StoreSizes
 from service.processing.view_outcomes import ViewOutcome
+from tests.service.conftest import wait_until
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
+FINDINGS, VERDICTS, SCANS = "pointchain_findings_total", "pointchain_verdicts_total", "pointchain_scans_total"
 Values = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 
 
@@ -62,6 +68,44 @@ def test_a_scan_is_counted_with_its_stages_and_its_views(
     # The label is the template of the route; an id is never a label.
     assert increase("pointchain_http_requests_total", method="GET", route="/api/scans/{id}", status="200") >= 1
     assert not any(scan["id"] in str(labels) for _, labels in after)
+
+
+def test_verdicts_and_findings_are_counted(client: httpx2.Client, recording: str, finished: Finished) -> None:
+    before = values(client)
+    body = {"mode": "replay", "recording": recording, "string_radius_m": 0.006}  # the string has 4.2 mm
+    scan = finished(client, client.post("/api/scans", json=body).headers["Location"])
+    client.get(scan["links"]["preview"])  # it is ready only after the metrics of the scan are recorded
+    after = values(client)
+    quality = client.get(scan["links"]["model"]).json()["quality"]
+    expected = Counter((found["code"], found["severity"]) for found in quality["findings"])
+    assert expected["radius-much-smaller", "doubt"] == expected["no-trusted-grasp", "note"] == 1
+    for code, finding_type in FINDING_TYPES.items():
+        labels = {"code": code, "severity": finding_type.severity}
+        increase = value(after, FINDINGS, **labels) - value(before, FINDINGS, **labels)
+        assert increase == expected[code, finding_type.severity], code
+    assert sum(name == FINDINGS for name, _ in after) == len(FINDING_TYPES)
+    assert quality["verdict"] == "review"
+    for verdict in get_args(Verdict):
+        increase = value(after, VERDICTS, verdict=verdict) - value(before, VERDICTS, verdict=verdict)
+        assert increase == (verdict == "review"), verdict
+
+
+def test_a_failed_scan_has_no_verdict(
+    client: httpx2.Client, recording_file: Path, finished: Finished, tmp_path: Path
+) -> None:
+    source = read_recording(recording_file)
+    with RecordingWriter(tmp_path / "one.mcap", source.header) as writer:
+        writer.write_view(source.views[0])
+    uploaded = client.post("/api/recordings", content=(tmp_path / "one.mcap").read_bytes()).json()["id"]
+    before = values(client)
+    body = {"mode": "replay", "recording": uploaded}
+    assert finished(client, client.post("/api/scans", json=body).headers["Location"])["state"] == "failed"
+    failed = SCANS, (("mode", "replay"), ("outcome", "failed"))
+    wait_until(lambda: values(client).get(failed, 0.0) == before.get(failed, 0.0) + 1)
+    after = values(client)
+    for name in (FINDINGS, VERDICTS):
+        counted = [[count for (each, _), count in found.items() if each == name] for found in (before, after)]
+        assert counted[0] == counted[1]
 
 
 def test_all_unknown_addresses_have_one_label(client: httpx2.Client) -> None:
