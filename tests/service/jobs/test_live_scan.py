@@ -31,10 +31,12 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
     cell: LiveCell, finished: Finished, tmp_path: Path
 ) -> None:
-    location = cell.start()
+    location = cell.start(all_grasps=True)
     scan = finished(cell.client, location)
     assert scan["state"] == "succeeded", scan
     assert scan["problem"] is None
+    assert scan["all_grasps"] is True
+    assert (scan["summary"]["verdict"], scan["summary"]["doubts"]) == ("accept", [])
     assert scan["progress"]["fraction"] == 1.0
     assert [view["state"] for view in scan["progress"]["views"]] == ["recorded"] * 8
     model = cell.client.get(scan["links"]["model"]).json()
@@ -62,10 +64,12 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
         assert hashlib.sha256(piece).hexdigest() == view.sha256
     assert row is not None
     assert row.inputs is not None
+    assert row.inputs["all_grasps"] is True
     assert row.inputs["views"] == [{"view": view.view, "sha256": view.sha256} for view in views]
 
     answer = cell.client.post(scan["links"]["reprocess"])
     again = finished(cell.client, answer.headers["Location"])
+    assert again["all_grasps"] is True
     replayed = cell.client.get(again["links"]["model"]).json()
     for each in (model, replayed):
         each.pop("timing_s")
