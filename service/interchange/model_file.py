@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
+from recognition.errors import ModelError
 from recognition.model.document import ModelDocument
 from recognition.model.model import SCHEMA
 from recognition.model.schema_1 import SCHEMA_1, convert
@@ -87,14 +88,15 @@ def _check(document: Any, name: str) -> dict[str, Any]:
         error = document["error"]
         detail = error.get("detail") if isinstance(error, dict) else error
         raise ExportError(f"{name} holds an error, not a model: {detail}")
-    if document["schema"] == SCHEMA_1:
-        document = _convert(document, name)
     try:
+        document = convert(document) if document["schema"] == SCHEMA_1 else document
         model = ModelDocument.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ExportError(f"{name} is not a model: {where}: {first['msg']}") from error
+    except ModelError as error:
+        raise ExportError(f"{name} is {error}") from error
     for chain in model.chains:
         if not len(chain.points) == len(chain.arc_length_m) == len(chain.sigma_m) == len(chain.views):
             raise ExportError(f"{name} is not a model: chain {chain.id} has a different number of values and points")
@@ -102,13 +104,6 @@ def _check(document: Any, name: str) -> dict[str, Any]:
     if len(ids) < len(model.chains) or any({c.over.chain, c.under.chain} - ids for c in model.crossings):
         raise ExportError(f"{name} is not a model: two chains have the same id, or a crossing has an unknown chain")
     return document
-
-
-def _convert(document: dict[str, Any], name: str) -> dict[str, Any]:
-    try:
-        return convert(document)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ExportError(f"{name} is not a model of schema {SCHEMA_1!r}: {error!r}") from error
 
 
 def _reject_constant(name: str) -> NoReturn:

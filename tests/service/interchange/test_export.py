@@ -202,7 +202,7 @@ def changed(document: dict[str, Any], path: str, value: Any) -> str:
             {"type": "urn:pointchain:no-depth", "detail": "nothing seen"},
             "holds an error, not a model: nothing seen",
         ),
-        ("schema", "pointchain/1", "not a model of schema 'pointchain/1': KeyError('ambiguities')"),
+        ("schema", "pointchain/1", "is not a point chain model: the member 'ambiguities' is missing"),
         ("chains", None, "chains: Input should be a valid list"),
         ("chains.0.points.3", [1.0, 2.0], "chains.0.points.3.2: Field required"),
         ("chains.1.views", [1], "chain 1 has a different number of values and points"),
