@@ -36,7 +36,7 @@ def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_library_example_saves_its_model(model_file: Path) -> None:
     model = json.loads(model_file.read_text())
-    assert model["schema"] == "pointchain/1"
+    assert model["schema"] == "pointchain/2"
     assert len(model["chains"]) == 1
 
 
@@ -50,23 +50,28 @@ def test_a_model_is_drawn(model_file: Path, tmp_path: Path) -> None:
     assert 0.005 < coloured.mean() < 0.2
 
 
-def test_a_closed_chain_and_ambiguities_are_drawn(model_file: Path, tmp_path: Path) -> None:
+def test_a_closed_chain_and_doubts_are_drawn(model_file: Path, tmp_path: Path) -> None:
     model = json.loads(model_file.read_text())
-    model["chains"][0] |= {"closed": True, "ends": ["unseen", "free"], "views": [0] * len(model["chains"][0]["views"])}
+    model["chains"][0] |= {
+        "closed": True,
+        "ends": ["unobserved", "free"],
+        "views": [0] * len(model["chains"][0]["views"]),
+    }
     model["crossings"][0]["confidence"] = 0.6
-    model["quality"]["ambiguities"] = ["crossing 0 is not certain"]
+    doubt = {"code": "crossing-undecided", "severity": "doubt", "message": "crossing 0 is not certain"}
+    model["quality"] |= {"verdict": "review", "findings": [doubt]}
     changed, picture = tmp_path / "changed.json", tmp_path / "changed.svg"
     changed.write_text(json.dumps(model))
     done = run("plot_model.py", changed, picture)
     assert done.returncode == 0, done.stderr
     # Characters are drawn as outlines, and the text is in a comment beside them.
     assert "confidence 0.60" in picture.read_text()
-    assert "ambiguities and warnings: 1" in picture.read_text()
+    assert "verdict: review: crossing-undecided" in picture.read_text()
 
 
 def test_an_error_document_gives_no_picture(tmp_path: Path) -> None:
     document, picture = tmp_path / "error.json", tmp_path / "error.png"
-    document.write_text(json.dumps({"schema": "pointchain/1", "error": {"detail": "no view is complete"}}))
+    document.write_text(json.dumps({"schema": "pointchain/2", "error": {"detail": "no view is complete"}}))
     done = run("plot_model.py", document, picture)
     assert done.returncode == 1
     assert "no view is complete" in done.stderr
