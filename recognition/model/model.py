@@ -47,7 +47,7 @@ class PointChainModel:
     grasps: tuple[Grasp, ...] = ()
     """Grasps on all chains, the best first."""
     provenance: Provenance | None = None
-    """Where the model comes from. None: recognition was called as a library."""
+    """Where the model comes from. None if recognition was called as a library."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the model as a JSON document of schema `pointchain/2`.
