@@ -15,24 +15,25 @@ MORE_DATA_HELPS = {
 }  # fmt: skip
 
 
-def decide(model: PointChainModel) -> Grasp | str:
+def decide(model: PointChainModel, may_rescan: bool) -> Grasp | str:
     """Return a grasp to carry out, or what to do instead: `done`, `rescan` or `ask`."""
     if model.quality.verdict == "accept" and not model.chains:
         return "done"
     for grasp in model.grasps:
         if model.trusted(grasp.chain):
             return grasp
-    codes = {finding.code for finding in model.quality.doubts}
-    return "rescan" if codes and codes <= MORE_DATA_HELPS else "ask"
+    more_data_helps = {finding.code for finding in model.quality.doubts} <= MORE_DATA_HELPS
+    return "rescan" if may_rescan and model.quality.doubts and more_data_helps else "ask"
 
 
 def main(url: str) -> int:
     """Return 0 when a grasp was printed or no string is there, 1 when a person must decide."""
     with Client(url, token=os.environ.get("POINTCHAIN_TOKEN")) as cell:
         model = cell.model(cell.scan(string_radius_m=0.0042))
-        if decide(model) == "rescan":
+        decision = decide(model, may_rescan=True)
+        if decision == "rescan":
             model = cell.model(cell.scan(string_radius_m=0.0042))
-        decision = decide(model)
+            decision = decide(model, may_rescan=False)
         cell.release()  # returns when the arm is home: from here on this program may move it
     if isinstance(decision, Grasp):
         print(f"chain {decision.chain} at {decision.s_m:.3f} m, open to {decision.opening_m:.4f} m, T_base_grasp:")

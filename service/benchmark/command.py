@@ -187,12 +187,17 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
                 reported_s = time.monotonic()
     summaries, sigma = accuracy.summarise(results), accuracy.sigma_by_tier(results)
     emit(f"\n{tables.sigma_table(sigma)}")
+    findings = accuracy.findings_by_tier(results)
+    emit(f"\n{tables.findings_table(findings)}")
     return {
         "accuracy": {
             tier: {method: asdict(summary) for method, summary in methods.items()}
             for tier, methods in summaries.items()
         },
         "sigma": sigma,
+        "findings": {
+            tier: {method: asdict(counts) for method, counts in methods.items()} for tier, methods in findings.items()
+        },
         "cases": [accuracy.case_json(result) for result in results],
     }
 

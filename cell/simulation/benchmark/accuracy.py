@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from cell.simulation.benchmark.finding_counts import FindingCounts, ModelFindings, count_findings, model_findings
 from cell.simulation.benchmark.intervals import Interval, wilson_interval
 from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.benchmark.worker_pool import map_in_processes
@@ -32,6 +33,8 @@ class CaseResult:
     """Slug and message of the refusal, or None if there is a model."""
     sigma: SigmaCounts | None = None
     """Points within two sigma of the truth, or None if recognition refused the case."""
+    findings: ModelFindings | None = None
+    """Verdict and findings of the model, or None if recognition refused the case."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,14 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
             raise
         else:
             results.append(
-                CaseResult(tier, seed, method, score(model, scan.truth), sigma=sigma_counts(model, scan.truth))
+                CaseResult(
+                    tier,
+                    seed,
+                    method,
+                    score(model, scan.truth),
+                    sigma=sigma_counts(model, scan.truth),
+                    findings=model_findings(model),
+                )
             )
     return results
 
@@ -144,6 +154,17 @@ def sigma_by_tier(results: Sequence[CaseResult]) -> dict[str, dict[str, Any]]:
     return {
         tier: {method: sigma_shares(case.sigma for case in cases if case.sigma) for method, cases in methods.items()}
         for tier, methods in {ALL: all_tiers, **groups}.items()
+    }
+
+
+def findings_by_tier(results: Iterable[CaseResult]) -> dict[str, dict[str, FindingCounts]]:
+    """Return the verdicts and findings by tier and by method. Refused cases do not count."""
+    return {
+        tier: {
+            method: count_findings([(case.score, case.findings) for case in cases if case.score and case.findings])
+            for method, cases in methods.items()
+        }
+        for tier, methods in _group(results).items()
     }
 
 

@@ -1,12 +1,14 @@
 """Format the results of the benchmark as Markdown tables."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, get_args
 
 from cell.simulation.benchmark.accuracy import Summary
+from cell.simulation.benchmark.finding_counts import FindingCounts
 from cell.simulation.benchmark.intervals import Interval
 from cell.simulation.benchmark.scaling import Growth, Row
 from cell.simulation.benchmark.speed import Speed
+from recognition.model.trust import Verdict
 
 ACCURACY_COLUMNS = (
     "tier",
@@ -55,6 +57,22 @@ def sigma_table(sigma: Mapping[str, Mapping[str, Any]]) -> str:
     ]
     parts = [cell for name in ("within 2 sigma", "seen", "bridged") for cell in (name, "95 % interval", "points")]
     return table(("tier", "method", *parts), rows)
+
+
+def findings_table(findings: Mapping[str, Mapping[str, FindingCounts]]) -> str:
+    """Return the table of the verdicts and the findings, with one row for each tier and method."""
+    rows = [
+        (
+            tier,
+            method,
+            *(str(verdicts[verdict]) for verdicts in (counts.right, counts.wrong) for verdict in get_args(Verdict)),
+            ", ".join(f"{code}: {count}" for code, count in counts.codes.items()),
+        )
+        for tier, methods in findings.items()
+        for method, counts in methods.items()
+    ]
+    columns = [f"{kind}: {verdict}" for kind in ("right", "wrong") for verdict in get_args(Verdict)]
+    return table(("tier", "method", *columns, "models with each finding"), rows)
 
 
 def speed_table(speed: Speed) -> str:

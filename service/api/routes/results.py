@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, JSONResponse
 
+from recognition.errors import ModelError
 from recognition.model.document import ChangesDocument, ModelDocument
 from recognition.model.model import PointChainModel
 from recognition.model.schema_1 import SCHEMA_1, convert
@@ -157,10 +158,24 @@ def _model_since(scan: ScanRow, before: ScanRow, service: Context, if_none_match
     etag = f'"{tags[0]}-since-{tags[1]}"'
     if matches(if_none_match, etag):
         return not_modified_response(etag)
-    documents = [json.loads(path.read_bytes()) for path in paths]
-    model, earlier = map(PointChainModel.from_json, documents)
+    (document, model), (_, earlier) = (_read_model(path, row) for path, row in zip(paths, (scan, before), strict=True))
     changes = ChangesDocument.of(model.since(earlier), before.id).model_dump(mode="json")
-    return JSONResponse(documents[0] | {"since": changes}, headers={"etag": etag})
+    return JSONResponse(document | {"since": changes}, headers={"etag": etag})
+
+
+def _read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainModel]:
+    """Return the document of a model, and the model.
+
+    Raises:
+        ProblemError: `damaged`: The file is not a model.
+    """
+    try:
+        document = json.loads(path.read_bytes())
+        return document, PointChainModel.from_json(document)
+    except (ModelError, ValueError, OSError) as error:
+        raise ProblemError(
+            "damaged", f"the model of scan {scan.id} cannot be read ({error}): run `pointchain doctor`", file=path.name
+        ) from error
 
 
 async def _wait_for_preview(scan_id: str, service: Context) -> None:

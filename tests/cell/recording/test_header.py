@@ -33,6 +33,15 @@ def test_every_field_is_read_exactly() -> None:
     assert got.provenance == {"camera": "made", "seed": "3"}
 
 
+@pytest.mark.parametrize(("simulated", "text"), [(True, "true"), (False, "false"), (None, None)])
+def test_the_header_says_whether_the_cell_was_simulated(simulated: bool | None, text: str | None) -> None:
+    header = replace(HEADER, simulated=simulated)
+    assert to_metadata(header).get("simulated") == text
+    assert parse_header(to_metadata(header), HAND_EYE).simulated is simulated
+    with pytest.raises(RecordingHeaderError, match="simulated is 'yes'; true, false or no value is possible"):
+        parse_header(METADATA | {"simulated": "yes"}, HAND_EYE)
+
+
 def test_unknown_fields_are_omitted() -> None:
     header = RecordingHeader(depth_unit_m=1e-3, string_radius_m=None, T_flange_camera=np.eye(4))
     assert to_metadata(header) == {"format": "1", "depth_unit_m": "0.001", "table_z_m": "0.0"}
