@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.atomic_write import write_synced
+from calibration.atomic_write import replace_synced, write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
 from recognition.grasping.gripper import Gripper
@@ -221,7 +221,7 @@ def add_recording_hash(results: Path, outcome: Outcome, sha256: str) -> Outcome:
     document = json.loads(path.read_bytes())
     document["provenance"]["recording_sha256"] = sha256
     content = json.dumps(document, allow_nan=False).encode()
-    write_synced(path, content)
+    replace_synced(path, content)
     return replace(outcome, files=outcome.files | {MODEL: _hash_and_size(content)})
 
 

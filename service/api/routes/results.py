@@ -174,7 +174,9 @@ def _read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainMo
         return document, PointChainModel.from_json(document)
     except (ModelError, ValueError, OSError) as error:
         raise ProblemError(
-            "damaged", f"the model of scan {scan.id} cannot be read ({error}): run `pointchain doctor`", file=path.name
+            "damaged",
+            f"{path.name} of scan {scan.id} cannot be read ({error}): run `pointchain doctor`",
+            file=path.name,
         ) from error
 
 

@@ -5,6 +5,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,19 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
     again = finished(cell.client, answer.headers["Location"])
     assert again["all_grasps"] is True
     replayed = cell.client.get(again["links"]["model"]).json()
+    assert model["provenance"] == {
+        "release": version("pointchain"),
+        "scan": scan["id"],
+        "captured_at": model["provenance"]["captured_at"],
+        "recording_sha256": hashlib.sha256(content).hexdigest(),
+        "calibration_sha256": scan["calibration_sha256"],
+        "simulated": True,
+    }
+    assert scan["started_at"] < model["provenance"]["captured_at"] < scan["ended_at"]
+    assert (scan["simulated"], again["simulated"], recording["simulated"]) == (True, True, True)
+    assert cell.client.get("/api/cell").json()["simulated"] is True
+    assert replayed["provenance"].pop("scan") == again["id"]
+    del model["provenance"]["scan"]
     for each in (model, replayed):
         each.pop("timing_s")
     assert replayed == model

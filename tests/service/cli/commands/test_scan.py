@@ -1,5 +1,6 @@
 """`pointchain scan` in its own process, with the real ur_rtde and depthai and a virtual controller."""
 
+import hashlib
 import json
 import os
 import signal
@@ -16,7 +17,7 @@ import pytest
 from cell.process.child import Child
 from cell.recording import read_recording, read_result
 from cell.simulation.ur_controller.admin_client import AdminClient
-from service.processing.results import recognise_recording
+from service.processing.results import Source, recognise_recording
 from tests.cell.arm.pendant import Pendant
 from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
@@ -54,8 +55,16 @@ def test_the_model_goes_to_stdout_and_the_recording_gives_the_same(tmp_path: Pat
     assert (len(model["chains"]), len(model["crossings"])) == (1, 1)
     assert "view 0 recorded" in err
     assert_summary(err, model)
-    assert read_result(tmp_path / "scan.mcap") == model
-    again = json.loads(json.dumps(recognise_recording(tmp_path / "scan.mcap").model.to_json()))
+    recording = tmp_path / "scan.mcap"
+    sha256 = hashlib.sha256(recording.read_bytes()).hexdigest()
+    assert model["provenance"]["recording_sha256"] == sha256
+    recorded = read_result(recording)
+    assert recorded is not None
+    # A recording cannot contain its own hash.
+    assert recorded["provenance"].pop("recording_sha256") is None
+    recorded["provenance"]["recording_sha256"] = sha256
+    assert recorded == model
+    again = json.loads(json.dumps(recognise_recording(recording, source=Source(None, sha256)).model.to_json()))
     for each in (model, again):
         each.pop("timing_s")
     assert again == model
