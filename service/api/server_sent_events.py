@@ -16,6 +16,7 @@ from service.errors import Failure
 from service.events.cell_events import CellEvent
 from service.events.hub import Mark, Subscriber
 from service.problems.document import failure_document
+from service.states import ACTIVE_STATES
 from service.storage.event_log import MissedEvents, ScanEvent, ScanEvents, ScanSnapshot
 
 PING_S = 15.0
@@ -147,7 +148,7 @@ def change_event(event: ScanEvent) -> bytes:
         failure, summary = data.pop("failure", None), data.pop("summary", None)
         problem = None if failure is None else failure_document(Failure(**failure), f"{SCANS}/{event.scan}")
         summary_data = None if summary is None else ScanSummary.model_validate(summary).model_dump()
-        data |= {"problem": problem, "summary": summary_data}
+        data |= {"final": data["state"] not in ACTIVE_STATES, "problem": problem, "summary": summary_data}
     document = {"id": event.id, "scan": event.scan, "at": event.at, "kind": event.kind, "data": data}
     return format_sse_event(data_str=json.dumps(document, allow_nan=False), event=event.kind, id=str(event.id))
 

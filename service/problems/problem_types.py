@@ -513,6 +513,22 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         group="Do not retry",
         parameters=("kind", "state"),
     ),
+    "scan-active": ProblemType(
+        title="The scan has not ended",
+        status=409,
+        cause="A scan that has not ended cannot be removed.",
+        action="Wait for its end, or cancel it first.",
+        group="Correct the request",
+        parameters=("scan", "state"),
+    ),
+    "scan-kept": ProblemType(
+        title="The scan is kept",
+        status=409,
+        cause="A person marked the scan to be kept.",
+        action="Remove the mark with `PUT /api/scans/{id}/keep`, if the scan may be removed.",
+        group="Correct the request",
+        parameters=("scan",),
+    ),
     "not-found": ProblemType(
         title="Not found",
         status=404,

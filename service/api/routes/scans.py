@@ -29,6 +29,7 @@ from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
 from service.processing.results import check_radius
 from service.states import ACTIVE_STATES
+from service.storage.removal import Candidate, remove
 from service.storage.rows import ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
@@ -156,6 +157,23 @@ def keep_scan(id: Id, body: KeepRequest, service: Service) -> ScanResource:  # n
     """Mark a scan to be kept at any age, with its results and its recording; or remove the mark."""
     service.store.scans.keep(id, body.kept)
     return _resource(find_scan(id, service), service)
+
+
+DELETE = problem_responses("scan-not-found", "scan-active", "scan-kept", "invalid-request")
+
+
+@router.delete("/{id}", status_code=204, responses=DELETE)
+def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own name)
+    """Remove a scan that has ended, with its results, events and idempotency key.
+
+    Its recording is removed too, if no other scan uses it. A scan that a person marked to be kept is not removed.
+    """
+    scan = find_scan(id, service)
+    if scan.kept:
+        raise ProblemError("scan-kept", f"scan {id} is marked to be kept; remove the mark first", scan=id)
+    if remove(service.store, Candidate("scan", id, "")) is None:
+        state = find_scan(id, service).state
+        raise ProblemError("scan-active", f"scan {id} is {state}; wait for its end, or cancel it", scan=id, state=state)
 
 
 def _resource(scan: ScanRow, service: Context) -> ScanResource:

@@ -22,6 +22,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         string_radius_m=row.string_radius_m,
         all_grasps=row.all_grasps,
         state=row.state,
+        final=row.state not in ACTIVE_STATES,
         progress=ScanProgress(
             stage=row.stage,
             fraction=row.fraction,

@@ -194,6 +194,8 @@ class ScanResource(ApiModel):
     all_grasps: bool
     """Whether the model also has the grasps on parts of strings with a doubt."""
     state: ScanState
+    final: bool
+    """True: the scan has ended, and its state does not change any more."""
     progress: ScanProgress
     created_at: str
     started_at: str | None

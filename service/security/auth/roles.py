@@ -72,6 +72,7 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "POST /api/scans": "operator",
     "POST /api/scans/{id}/reprocess": "operator",
     "PUT /api/scans/{id}/keep": "operator",
+    "DELETE /api/scans/{id}": "operator",
     # Acknowledging that the cell is safe, and calibrating the camera.
     "POST /api/cell/acknowledge": "maintainer",
     "POST /api/calibration/runs": "maintainer",

@@ -51,7 +51,8 @@ def test_malformed_names_are_refused(client: ServedClient) -> None:
 @pytest.mark.parametrize("bad", ["..", "%2e%2e", "..%2f..%2flock", "%00", "%ff", "a%5cb"])
 def test_malformed_names_are_refused_in_requests_that_change_something(client: ServedClient, bad: str) -> None:
     for method, address in (("POST", "/api/scans/{}/cancel"), ("POST", "/api/scans/{}/reprocess"),
-                            ("PUT", "/api/scans/{}/keep"), ("POST", "/api/calibration/runs/{}/activate")):  # fmt: skip
+                            ("PUT", "/api/scans/{}/keep"), ("DELETE", "/api/scans/{}"),
+                            ("POST", "/api/calibration/runs/{}/activate")):  # fmt: skip
         with connect(port_of(client)) as connection:
             head = f"{method} {address.format(bad)} HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n"
             connection.sendall(f"{head}Content-Type: application/json\r\nConnection: close\r\n\r\n{{}}".encode())

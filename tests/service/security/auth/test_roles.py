@@ -96,6 +96,7 @@ def test_each_role_reaches_its_routes_only(guarded: Guarded, assert_problem: Ass
         ("POST", "/api/calibration/runs/x/activate", "maintainer", 404),
         ("POST", "/api/scans/x/cancel", "viewer", 404),
         ("PUT", "/api/scans/x/keep", "operator", 422),
+        ("DELETE", "/api/scans/x", "operator", 404),
         ("GET", "/api/scans/x", "viewer", 404),
     )
     for method, path, min_role, reached in cases:
