@@ -2,6 +2,7 @@
 
 import math
 import sqlite3
+from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
 
@@ -18,6 +19,9 @@ from service.problems.problem_error import ProblemError
 from service.security.middleware.headers import UNEXPECTED_ERROR_HEADERS
 from service.storage.data_folder import OutsideError
 from service.storage.storage_errors import is_full, is_locked
+
+_SCAN_MODES = '"live" for a scan by the arm, or "replay" for a scan from a recording'
+"""The values of the only member that decides between several forms of a request."""
 
 
 def install_problem_handlers(app: FastAPI) -> None:
@@ -71,12 +75,27 @@ async def _on_http_exception(request: Request, error: Exception) -> JSONResponse
 async def _on_invalid_request(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     # The input itself is not repeated: it may be huge, or NaN, which JSON cannot represent.
-    errors = [{"where": ".".join(str(part) for part in item["loc"]), "what": item["msg"]} for item in error.errors()]
+    errors = [_describe_invalid(item) for item in error.errors()]
     detail = "; ".join(f"{item['where']}: {item['what']}" for item in errors[:5])
     kind = request.headers.get("content-type", "application/json")
     if "json" not in kind and any(item["where"] == "body" for item in errors):
         detail += f"; its Content-Type is {kind[:80]}, which is not read: send application/json"
     return _respond(request, "invalid-request", detail, errors=errors[:50])
+
+
+def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
+    """Return where a request is invalid, and what is wrong there, in words that do not need knowledge of Pydantic."""
+    where = ".".join(str(part) for part in error["loc"])
+    match error["type"]:
+        case "union_tag_not_found":
+            member = error["ctx"]["discriminator"].strip("'")
+            return {"where": f"{where}.{member}", "what": f"it is missing: give {_SCAN_MODES}"}
+        case "union_tag_invalid":
+            member, tag = error["ctx"]["discriminator"].strip("'"), str(error["ctx"]["tag"])[:40]
+            return {"where": f"{where}.{member}", "what": f"{tag!r} is not possible: give {_SCAN_MODES}"}
+        case "model_attributes_type" | "model_type" | "dict_type":
+            return {"where": where, "what": "a JSON object is needed"}
+    return {"where": where, "what": error["msg"]}
 
 
 async def _on_cell_error(request: Request, error: Exception) -> JSONResponse:

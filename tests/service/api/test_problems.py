@@ -106,3 +106,26 @@ def test_a_service_that_cannot_run_a_scan_is_not_ready(
     monkeypatch.setattr("service.jobs.manager.Jobs.not_ready", "recognition did not start: no libGL")
     assert "libGL" in assert_problem(own.get("/readyz"), 503, "not-ready")
     assert own.get("/healthz").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("body", "where", "what"),
+    [
+        ({}, "body.mode", "it is missing"),
+        ({"recording": "x"}, "body.mode", "it is missing"),
+        ({"mode": "film"}, "body.mode", "'film' is not possible"),
+        ({"mode": None}, "body.mode", "'None' is not possible"),
+        ([], "body", "a JSON object is needed"),
+        ("live", "body", "a JSON object is needed"),
+    ],
+)
+def test_a_scan_of_no_known_kind_is_refused_in_plain_words(
+    own: httpx2.Client, assert_problem: AssertProblem, body: object, where: str, what: str
+) -> None:
+    answer = own.post("/api/scans", json=body)
+    detail = assert_problem(answer, 422, "invalid-request")
+    (error,) = answer.json()["errors"]
+    assert error["where"] == where
+    assert error["what"].startswith(what)
+    assert detail == f"{where}: {error['what']}"
+    assert ('"live" for a scan by the arm' in detail) == (where == "body.mode")
