@@ -1,4 +1,4 @@
-"""Scan, decide alone whether to grasp, scan again or ask a person, and print the grasp.
+"""Scan, decide alone whether to grasp, to scan again or to ask a person, and print the grasp.
 
 Run: python examples/planner.py [URL]. The service's arm moves. A token comes from POINTCHAIN_TOKEN, if set.
 """
@@ -34,12 +34,12 @@ def main(url: str) -> int:
         if decision == "rescan":
             model = cell.model(cell.scan(string_radius_m=0.0042))
             decision = decide(model, may_rescan=False)
-        cell.release()  # returns when the arm is home: from here on this program may move it
-    if isinstance(decision, Grasp):
-        print(f"chain {decision.chain} at {decision.s_m:.3f} m, open to {decision.opening_m:.4f} m, T_base_grasp:")
-        print(decision.T_base_grasp)
-        return 0
-    print(decision, *(finding.message for finding in model.quality.findings), sep="\n  ", file=sys.stderr)
+        if isinstance(decision, Grasp):
+            cell.release()  # returns when the arm is home: from here on this program may move it
+            print(f"chain {decision.chain} at {decision.s_m:.3f} m, open to {decision.opening_m:.4f} m, T_base_grasp:")
+            print(decision.T_base_grasp)
+            return 0
+    print(f"{decision}:", *(finding.message for finding in model.quality.findings), sep="\n  ", file=sys.stderr)
     return 0 if decision == "done" else 1
 
 

@@ -64,11 +64,10 @@ def test_a_planner_takes_over_the_arm_and_prints_the_best_grasp(planner: str, kn
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_a_planner_does_not_take_over_the_arm_without_a_certain_model(planner: str, empty: LiveCell) -> None:
+def test_a_planner_does_not_take_over_the_arm_without_a_string(planner: str, empty: LiveCell) -> None:
     done = run(planner, str(empty.client.base_url))
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "no automatic grasp" in done.stderr
-    assert "no string of radius 4.2 mm found" in done.stderr
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr.startswith("done:\n  no string of radius 4.2 mm found")
     assert empty.state()["problem"] != "urn:pointchain:released"
 
 

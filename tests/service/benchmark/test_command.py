@@ -56,7 +56,7 @@ def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.Captur
     assert "2 scenes by " in err
     assert "tier paper is done (about " in err
     assert "tier soft is done (about 0 s left)" in err
-    assert set(document) == {"machine", "accuracy", "sigma", "cases"}
+    assert set(document) == {"machine", "accuracy", "sigma", "findings", "cases"}
     assert set(document["accuracy"]) == {"paper", "soft"}
     assert [(case["tier"], case["seed"]) for case in document["cases"][:: len(METHODS)]] == [("paper", 0), ("soft", 0)]
     for method in METHODS:
@@ -70,6 +70,8 @@ def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.Captur
         # the given poses have errors of half a millimetre
         assert 0.05 < summary["mean_mm"] < 2.0
         assert summary["cover"] > 0.9
+        counts = document["findings"]["paper"][method]
+        assert sum(counts["right"].values()) + sum(counts["wrong"].values()) == 1
         assert document["sigma"]["paper"][method] == document["sigma"]["soft"][method]
         assert document["sigma"]["all"][method]["n_points"] == 2 * document["sigma"]["paper"][method]["n_points"] > 50
 
