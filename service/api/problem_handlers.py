@@ -85,14 +85,20 @@ async def _on_invalid_request(request: Request, error: Exception) -> JSONRespons
 
 def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
     """Return where a request is invalid, and what is wrong there, in words that do not need knowledge of Pydantic."""
-    where = ".".join(str(part) for part in error["loc"])
-    match error["type"]:
+    place = [str(part) for part in error["loc"]]
+    # Pydantic names the form of a request that has several forms. The body has no such member.
+    where = ".".join(place[:1] + place[2:] if place[:1] == ["body"] and place[1:2] in (["live"], ["replay"]) else place)
+    match error.get("type"):
         case "union_tag_not_found":
             member = error["ctx"]["discriminator"].strip("'")
             return {"where": f"{where}.{member}", "what": f"it is missing: give {_SCAN_MODES}"}
         case "union_tag_invalid":
             member, tag = error["ctx"]["discriminator"].strip("'"), str(error["ctx"]["tag"])[:40]
             return {"where": f"{where}.{member}", "what": f"{tag!r} is not possible: give {_SCAN_MODES}"}
+        case "missing":
+            return {"where": where, "what": "it is missing"}
+        case "extra_forbidden":
+            return {"where": where, "what": "there is no such member"}
         case "model_attributes_type" | "model_type" | "dict_type":
             return {"where": where, "what": "a JSON object is needed"}
     return {"where": where, "what": error["msg"]}

@@ -170,7 +170,9 @@ def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own
     """
     scan = find_scan(id, service)
     if scan.kept:
-        raise ProblemError("scan-kept", f"scan {id} is marked to be kept; remove the mark first", scan=id)
+        raise ProblemError(
+            "scan-kept", f"scan {id} is marked to be kept; first remove the mark with PUT {SCANS}/{id}/keep", scan=id
+        )
     if remove(service.store, Candidate("scan", id, "")) is None:
         state = find_scan(id, service).state
         raise ProblemError("scan-active", f"scan {id} is {state}; wait for its end, or cancel it", scan=id, state=state)

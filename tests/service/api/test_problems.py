@@ -115,6 +115,8 @@ def test_a_service_that_cannot_run_a_scan_is_not_ready(
         ({"recording": "x"}, "body.mode", "it is missing"),
         ({"mode": "film"}, "body.mode", "'film' is not possible"),
         ({"mode": None}, "body.mode", "'None' is not possible"),
+        ({"mode": "replay"}, "body.recording", "it is missing"),
+        ({"mode": "live", "radius": 0.004}, "body.radius", "there is no such member"),
         ([], "body", "a JSON object is needed"),
         ("live", "body", "a JSON object is needed"),
     ],
