@@ -41,7 +41,7 @@ def fold_events(events: list[ReceivedEvent]) -> dict[str, Any]:
     for event in events:
         if event.kind in ("scan", "resync"):
             progress = event.data["progress"]
-            known = {name: event.data[name] for name in ("state", "problem", "summary")}
+            known = {name: event.data[name] for name in ("state", "final", "problem", "summary")}
             known |= {name: progress[name] for name in ("stage", "fraction")}
             views = {view["index"]: view for view in progress["views"]}
         elif event.kind == "view":

@@ -55,6 +55,9 @@ def test_every_operation_describes_its_success_and_its_problems(
     has_input = bool(operation.get("parameters") or operation.get("requestBody"))
     assert ("422" in refusals) == (has_input or bool(declared.get("422", set()) - {"invalid-request"}))
     successes = [answer for status, answer in responses.items() if status.startswith("2") and status != "204"]
+    if path == "/api/scans/{id}" and method == "delete":
+        assert (successes, "204" in responses) == ([], True)
+        return
     assert len(successes) == 1
     (content,) = successes[0]["content"].values()
     schema = content.get("schema") or content.get("itemSchema")  # an event stream has the latter

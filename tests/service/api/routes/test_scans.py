@@ -177,7 +177,7 @@ def test_an_unknown_radius_is_measured(
         ({"radius": 0.004}, 422, "invalid-request", "radius"),
         ({"recording": "none"}, 404, "recording-not-found", "upload it"),
         ({"recording": "../x"}, 422, "invalid-request", "recording"),
-        ({"mode": "dream"}, 422, "invalid-request", "'replay'"),
+        ({"mode": "dream"}, 422, "invalid-request", '"replay"'),
         ({"mode": "live", "recording": None}, 422, "invalid-request", "recording"),
     ],
 )
