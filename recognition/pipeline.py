@@ -220,20 +220,18 @@ def recognise(
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
     chains, touching = mark_touching_ends(chains)
     captured = [target.view for target in ingested.targets]
-    findings = most_serious_first(
-        (
-            *crossings.findings,
-            *connections,
-            *sharp_bend_findings(chains),
-            *assembly.findings,
-            *possible_object_findings(unexplained, chains, parameters),
-            *touching,
-            *unobserved_end_findings(chains, scene, parameters),
-            *unexplained_findings(unexplained, parameters),
-            *drift_findings(registration, chains),
-            *view_findings(registration.views + ingested.excluded, captured, chains),
-            *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
-        )
+    findings = (
+        *crossings.findings,
+        *connections,
+        *sharp_bend_findings(chains),
+        *assembly.findings,
+        *possible_object_findings(unexplained, chains, parameters),
+        *touching,
+        *unobserved_end_findings(chains, scene, parameters),
+        *unexplained_findings(unexplained, parameters),
+        *drift_findings(registration, chains),
+        *view_findings(registration.views + ingested.excluded, captured, chains),
+        *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )
 
     timer.begin("grasps")

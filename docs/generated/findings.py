@@ -23,7 +23,7 @@ follow from them. A finding has these members. Those that do not apply are absen
 | `point_m` | Position in the base frame. |
 | `view` | Index of the view. |
 | `value` | The measured value. Its meaning and unit are below. |
-| `limit` | The limit that the value exceeds or does not reach, in the same unit. |
+| `limit` | The limit that the value exceeds or does not reach, in the same unit. For a radius: the given radius. |
 
 A later version may add codes: treat an unknown code by its severity. The service counts findings by code and severity
 in the metric `pointchain_findings_total`.

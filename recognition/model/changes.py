@@ -6,8 +6,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-from scipy.spatial import KDTree
 
 from recognition.geometry.polyline import close_polyline, resample
 from recognition.model.chains import Chain
@@ -88,6 +86,9 @@ def compare_chains(before: Sequence[Chain], now: Sequence[Chain]) -> ModelChange
         before: Chains of the earlier model.
         now: Chains of the later model.
     """
+    # Imported here, because SciPy takes half a second to load, and most users of a model do not compare it.
+    from scipy.optimize import linear_sum_assignment
+
     candidates = [[_candidate(a, b) for b in now] for a in before]
     cost = np.array([[candidate.cost for candidate in row] for row in candidates]).reshape(len(before), len(now))
     rows, columns = linear_sum_assignment(np.minimum(cost, UNMATCHED_COST))
@@ -123,6 +124,8 @@ def _candidate(before: Chain, now: Chain) -> _Candidate:
 
 def _distance(before: Chain, now: Chain) -> float:
     """Return the root mean square distance of the shorter chain from the longer one where they lie, metres."""
+    from scipy.spatial import KDTree
+
     shorter, longer = sorted((before, now), key=lambda chain: chain.length_m)
     lines = [resample(close_polyline(chain.points, chain.closed), chain.radius_m / 8) for chain in (shorter, longer)]
     distance, _ = KDTree(lines[1]).query(lines[0])

@@ -83,6 +83,8 @@ def _optional() -> Any:
 Rounded = Annotated[float, _rounded(6)]
 """A number rounded to a micrometre, microradian or microsecond."""
 Share = Annotated[float, Field(ge=0, le=1), _rounded(4)]
+Code = Annotated[str, Field(json_schema_extra={"enum": list(get_args(FindingCode))})]
+"""Code of a finding. A document of a later version may have other codes."""
 Point = tuple[float, float, float]
 """x, y, z, metres, base frame."""
 Sign = Literal[-1, 1]
@@ -300,7 +302,7 @@ class ViewQualityDocument(_Document):
     """Whether the view is part of the model."""
     reason: str | None
     """Why the view was excluded; null if it was used."""
-    code: FindingCode | None
+    code: Code | None
     """Code of the finding on the view; null if it was used."""
     points: int
     """Number of points above the height threshold."""
@@ -321,7 +323,7 @@ class ViewQualityDocument(_Document):
 class FindingDocument(_Document):
     """One statement about the model. Members that do not apply are absent."""
 
-    code: Annotated[str, Field(json_schema_extra={"enum": list(get_args(FindingCode))})]
+    code: Code
     """Machine-readable code. Later versions may add codes: decide by `severity` if a code is unknown."""
     severity: Severity
     """`note` changes nothing, `doubt` may be otherwise, and `blocking` must not be acted on."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, Self, TypeVar, cast
 
 from recognition.errors import ModelError
@@ -134,6 +135,11 @@ class PointChainModel:
             raise ModelError(f"the model refers to crossings that it does not have: {missing}")
         return model
 
+    @cached_property
+    def _trusts(self) -> dict[int, ChainTrust]:
+        """Trust of each chain by its id."""
+        return {chain.id: chain_trust(chain, self.crossings, self.quality.findings) for chain in self.chains}
+
     def chain_trust(self, chain: int) -> ChainTrust:
         """Return the verdict on a chain, and its trusted parts.
 
@@ -143,7 +149,7 @@ class PointChainModel:
         Raises:
             KeyError: The model has no chain with this id.
         """
-        return chain_trust(_with_id(self.chains, chain), self.crossings, self.quality.findings)
+        return self._trusts[_with_id(self.chains, chain).id]
 
     def crossing_verdict(self, crossing: int) -> Verdict:
         """Return the verdict on a crossing.

@@ -20,8 +20,8 @@ from service.security.middleware.headers import UNEXPECTED_ERROR_HEADERS
 from service.storage.data_folder import OutsideError
 from service.storage.storage_errors import is_full, is_locked
 
-_SCAN_MODES = '"live" for a scan by the arm, or "replay" for a scan from a recording'
-"""The values of the only member that decides between several forms of a request."""
+_SCAN_MODES = {"live": "a scan by the arm", "replay": "a scan from a recording"}
+"""Values of the only member, `mode`, that decides between several forms of a request."""
 
 
 def install_problem_handlers(app: FastAPI) -> None:
@@ -84,17 +84,19 @@ async def _on_invalid_request(request: Request, error: Exception) -> JSONRespons
 
 
 def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
-    """Return where a request is invalid, and what is wrong there, in words that do not need knowledge of Pydantic."""
+    """Return the place of an error in a request, and a message that does not need knowledge of Pydantic."""
     place = [str(part) for part in error["loc"]]
-    # Pydantic names the form of a request that has several forms. The body has no such member.
-    where = ".".join(place[:1] + place[2:] if place[:1] == ["body"] and place[1:2] in (["live"], ["replay"]) else place)
+    if place[0] == "body" and place[1:2] and place[1] in _SCAN_MODES:
+        del place[1]  # Pydantic names the form of the request here. The body has no such member.
+    where = ".".join(place)
+    possible = " or ".join(f'"{mode}" for {meaning}' for mode, meaning in _SCAN_MODES.items())
     match error.get("type"):
         case "union_tag_not_found":
             member = error["ctx"]["discriminator"].strip("'")
-            return {"where": f"{where}.{member}", "what": f"it is missing: give {_SCAN_MODES}"}
+            return {"where": f"{where}.{member}", "what": f"it is missing: give {possible}"}
         case "union_tag_invalid":
             member, tag = error["ctx"]["discriminator"].strip("'"), str(error["ctx"]["tag"])[:40]
-            return {"where": f"{where}.{member}", "what": f"{tag!r} is not possible: give {_SCAN_MODES}"}
+            return {"where": f"{where}.{member}", "what": f"{tag!r} is not possible: give {possible}"}
         case "missing":
             return {"where": where, "what": "it is missing"}
         case "extra_forbidden":

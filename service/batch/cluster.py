@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from service.batch.cluster_worker import VersionMismatchError, recognise_on_worker
 from service.batch.errors import INSTALL_EXTRA, BatchError
-from service.batch.recognise_file import RecognitionRequest, RecordingLine, failed_line
+from service.batch.recognise_file import RecognitionRequest, RecordingLine, failed_line, hash_recording
 from service.signals import defer_sigint
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def recognise_on_cluster(files: Sequence[str], request: RecognitionRequest, addr
                     "it crashed one worker after the other: give the workers more memory, or report the error if they "
                     "have enough"
                 )
-                yield line or failed_line(file, request, "recognition-crashed", reason, _absolute(file))
+                yield line or failed_line(file, request, "recognition-crashed", reason, hash_recording(_absolute(file)))
 
 
 def _recognise_each(
@@ -118,7 +118,9 @@ def _recognise_each(
         except (CancelledError, OSError) as error:
             raise BatchError(f"the connection to the cluster was lost: {error}; run the command again") from error
         except Exception as error:  # noqa: BLE001 -- an error of one recording must not lose the results of the others
-            line = failed_line(file, request, "internal", f"unexpected error of a worker: {error!r}", _absolute(file))
+            line = failed_line(
+                file, request, "internal", f"unexpected error of a worker: {error!r}", hash_recording(_absolute(file))
+            )
         yield file, line
 
 

@@ -1,6 +1,5 @@
 """Recognition of one recording to one line of output, which holds the model or the error."""
 
-import hashlib
 import json
 import math
 import sys
@@ -16,6 +15,7 @@ from recognition.model.model import SCHEMA, Method, PointChainModel
 from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS
 from service.problems.document import error_document
+from service.processing.recording_metadata import hash_file
 from service.processing.results import OnStage, Source, recognise_recording
 from service.processing.stage_figures import write_trace
 
@@ -80,6 +80,7 @@ def recognise_file(
         path: The file, if its name is not `file`.
     """
     path = Path(file) if path is None else path
+    sha256 = hash_recording(path)
     try:
         recognition = recognise_recording(
             path,
@@ -89,18 +90,18 @@ def recognise_file(
             request.gripper,
             request.settings,
             request.all_grasps,
-            Source(recording_sha256=hash_recording(path)),
+            Source(recording_sha256=sha256),
         )
-        line = replace(_line(file, request, recognition.model.to_json(), path), notes=_notes(recognition.model))
+        line = replace(_line(file, request, recognition.model.to_json(), sha256), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:
-        return failed_line(file, request, error.slug, str(error), path)
+        return failed_line(file, request, error.slug, str(error), sha256)
     except OSError as error:
-        return failed_line(file, request, "file", f"{error.filename or file}: {error.strerror or error}", path)
+        return failed_line(file, request, "file", f"{error.filename or file}: {error.strerror or error}", sha256)
     except BaseException as error:  # a panic of native code is not an Exception
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
         traceback.print_exc(file=sys.stderr)  # an error in Pointchain needs the whole traceback
-        return failed_line(file, request, "internal", f"unexpected error, please report it: {error!r}", path)
+        return failed_line(file, request, "internal", f"unexpected error, please report it: {error!r}", sha256)
     if trace is not None:
         _write_trace(recognition, trace / path.stem, path)
     return line
@@ -115,10 +116,10 @@ def _notes(model: PointChainModel) -> tuple[str, ...]:
     return (*verdict, *doubts, *views)
 
 
-def failed_line(file: str, request: RecognitionRequest, slug: str, reason: str, path: Path) -> RecordingLine:
-    """Return the line of a recording without a model."""
+def failed_line(file: str, request: RecognitionRequest, slug: str, reason: str, sha256: str | None) -> RecordingLine:
+    """Return the line of a recording without a model. `sha256` is the hash of the recording, as in `hash_recording`."""
     document = {"schema": SCHEMA, "error": error_document(slug, reason, file=file)}
-    return _line(file, request, document, path, reason)
+    return _line(file, request, document, sha256, reason)
 
 
 def hash_recording(path: Path) -> str | None:
@@ -126,8 +127,7 @@ def hash_recording(path: Path) -> str | None:
     try:
         if not path.is_file():  # reading a pipe would block
             return None
-        with path.open("rb") as content:
-            return hashlib.file_digest(content, "sha256").hexdigest()
+        return hash_file(path)
     except OSError:
         return None
 
@@ -147,8 +147,8 @@ def read_truth(recording: Path) -> dict[str, Any] | None:
 
 
 def _line(
-    file: str, request: RecognitionRequest, document: dict[str, Any], path: Path, reason: str | None = None
+    file: str, request: RecognitionRequest, document: dict[str, Any], sha256: str | None, reason: str | None = None
 ) -> RecordingLine:
-    recording = {"file": file, "sha256": hash_recording(path)}
+    recording = {"file": file, "sha256": sha256}
     text = json.dumps(document | {"recording": recording, "request": request.to_json()}, allow_nan=False)
     return RecordingLine(file, text, reason)

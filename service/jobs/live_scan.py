@@ -56,12 +56,13 @@ def run_live_scan(
             with cell.run(prepared, writer, progress) as views:
                 outcome = _recognise(store, scan.id, worker, task, limit_s, views)
                 try:
-                    writer.write_result(json.loads((task.results / MODEL).read_bytes()))
+                    model = json.loads((task.results / MODEL).read_bytes())
+                    writer.write_result(model)
                     writer.close()
                     keep_recording(store, scan.id)
                     recording = store.recording(scan.id)
                     if recording is not None:
-                        outcome = add_recording_hash(task.results, outcome, recording.sha256)
+                        outcome = add_recording_hash(task.results, model, recording.sha256, outcome)
                 except BaseException:
                     worker.kill()  # its preview is of no use any more
                     raise

@@ -23,8 +23,12 @@ def describe_recording(recording_id: str, path: Path, sha256: str | None = None)
         OSError: The file cannot be read.
     """
     content = describe(path)
-    if sha256 is None:
-        with path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    sha256 = hash_file(path) if sha256 is None else sha256
     size_bytes = path.stat().st_size
     return RecordingRow(id=recording_id, created_at=now(), size_bytes=size_bytes, sha256=sha256, **content)
+
+
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal. Raise OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

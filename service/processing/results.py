@@ -206,22 +206,21 @@ def recognise_views(
     return replace(recognition, model=replace(model, quality=quality, provenance=provenance))
 
 
-def add_recording_hash(results: Path, outcome: Outcome, sha256: str) -> Outcome:
-    """Write the hash of the recording into the model, which was made before the recording was complete.
+def add_recording_hash(results: Path, model: Mapping[str, Any], sha256: str, outcome: Outcome) -> Outcome:
+    """Write the model again with the hash of the recording, which was not complete when the model was made.
 
     Args:
         results: Folder of the files of the result.
-        outcome: Outcome with the hashes of these files.
+        model: Document in the file of the model.
         sha256: SHA-256 of the recording.
+        outcome: Outcome with the hashes of the files.
 
     Returns:
         The outcome with the new hash of the model.
     """
-    path = results / MODEL
-    document = json.loads(path.read_bytes())
-    document["provenance"]["recording_sha256"] = sha256
+    document = {**model, "provenance": {**model["provenance"], "recording_sha256": sha256}}
     content = json.dumps(document, allow_nan=False).encode()
-    replace_synced(path, content)
+    replace_synced(results / MODEL, content)
     return replace(outcome, files=outcome.files | {MODEL: _hash_and_size(content)})
 
 

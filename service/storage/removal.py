@@ -9,12 +9,14 @@ from typing import Literal
 from service.states import ACTIVE_STATES
 from service.storage.store import Store
 
+Kind = Literal["scan", "recording"]
+
 
 @dataclass(frozen=True)
 class Candidate:
     """A scan or recording that may be removed."""
 
-    kind: Literal["scan", "recording"]
+    kind: Kind
     id: str
     at: str
     """Time when the scan ended, or when the recording was uploaded."""
@@ -34,7 +36,7 @@ def oldest_first(store: Store, until: str) -> list[Candidate]:
     return store.database.all(lambda row: Candidate(**dict(row)), sql, *ACTIVE_STATES, until, until)
 
 
-def remove(store: Store, candidate: Candidate) -> int | None:
+def remove(store: Store, kind: Kind, row_id: str) -> int | None:
     """Remove the rows in one transaction, then the files.
 
     A recording is removed with its last scan. The hand-eye errors that scans estimate stay. A crash between rows and
@@ -47,9 +49,9 @@ def remove(store: Store, candidate: Candidate) -> int | None:
         sqlite3.Error: Nothing was removed.
         OSError: A file could not be removed. It has no row any more.
     """
-    remove_rows = _remove_scan if candidate.kind == "scan" else _remove_recording
+    remove_rows = _remove_scan if kind == "scan" else _remove_recording
     with store.database.transaction() as db:
-        gone = remove_rows(store, db, candidate.id)
+        gone = remove_rows(store, db, row_id)
     return sum(map(_remove_file, gone)) if gone else None
 
 

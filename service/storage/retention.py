@@ -52,7 +52,7 @@ def sweep(store: Store, config: RetentionConfig, moment: datetime, may_continue:
             break
         if not may_continue():
             return False
-        freed = remove(store, candidate)
+        freed = remove(store, candidate.kind, candidate.id)
         if freed is not None:
             excess -= freed
             log.info(

@@ -29,7 +29,7 @@ from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
 from service.processing.results import check_radius
 from service.states import ACTIVE_STATES
-from service.storage.removal import Candidate, remove
+from service.storage.removal import remove
 from service.storage.rows import ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
@@ -159,10 +159,10 @@ def keep_scan(id: Id, body: KeepRequest, service: Service) -> ScanResource:  # n
     return _resource(find_scan(id, service), service)
 
 
-DELETE = problem_responses("scan-not-found", "scan-active", "scan-kept", "invalid-request")
+DELETE_PROBLEMS = problem_responses("scan-not-found", "scan-active", "scan-kept", "invalid-request")
 
 
-@router.delete("/{id}", status_code=204, responses=DELETE)
+@router.delete("/{id}", status_code=204, responses=DELETE_PROBLEMS)
 def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own name)
     """Remove a scan that has ended, with its results, events and idempotency key.
 
@@ -173,7 +173,7 @@ def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own
         raise ProblemError(
             "scan-kept", f"scan {id} is marked to be kept; first remove the mark with PUT {SCANS}/{id}/keep", scan=id
         )
-    if remove(service.store, Candidate("scan", id, "")) is None:
+    if remove(service.store, "scan", id) is None:
         state = find_scan(id, service).state
         raise ProblemError("scan-active", f"scan {id} is {state}; wait for its end, or cancel it", scan=id, state=state)
 

@@ -17,10 +17,10 @@ from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
-from service.batch.recognise_file import hash_recording
 from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
+from service.processing.recording_metadata import hash_file
 from service.processing.results import check_radius
 from service.processing.worker import RecognitionWorker
 from service.processing.worker_main import Task
@@ -100,7 +100,7 @@ def take_scan(
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     if recording is not None:
-        model["provenance"]["recording_sha256"] = hash_recording(recording)
+        model["provenance"]["recording_sha256"] = hash_file(recording)
     return model
 
 

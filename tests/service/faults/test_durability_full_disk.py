@@ -300,4 +300,4 @@ def remove_all_but_first(client: ServedClient, first: str) -> None:
     for old in oldest_first(store, "9999"):
         row = store.scans.get(old.id) if old.kind == "scan" else None
         if row is None or row.recording != first:
-            remove(store, old)
+            remove(store, old.kind, old.id)

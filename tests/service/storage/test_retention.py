@@ -20,7 +20,7 @@ from service.states import ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
 from service.storage.migrations import MIGRATIONS
-from service.storage.removal import Candidate, remove
+from service.storage.removal import remove
 from service.storage.retention import sweep
 from service.storage.rows import RecordingRow, ScanErrorRow
 from service.storage.store import Store
@@ -164,7 +164,7 @@ def test_a_scan_of_an_earlier_version_can_be_removed(tmp_path: Path) -> None:
 def test_a_scan_that_was_marked_meanwhile_is_kept(store: Store) -> None:
     add_scan(store, "old", 99)
     store.scans.keep("old", True)
-    assert remove(store, Candidate("scan", "old", days_ago(99))) is None
+    assert remove(store, "scan", "old") is None
     assert scans(store) == {"old"}
 
 
@@ -173,7 +173,7 @@ def test_a_failed_write_removes_no_file(store: Store, monkeypatch: pytest.Monkey
     with store.database.transaction() as db:
         db.execute("CREATE TRIGGER no BEFORE DELETE ON scans BEGIN SELECT RAISE(ABORT, 'no'); END")
     with pytest.raises(sqlite3.IntegrityError):
-        remove(store, Candidate("scan", "old", days_ago(99)))
+        remove(store, "scan", "old")
     assert scans(store) == {"old"}
     assert store.key("ann", "key of old") is not None
 
