@@ -1,6 +1,8 @@
 """The planner of the examples acts on right models, and on no wrong one."""
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -26,6 +28,20 @@ def planner() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_its_decisions_are_counted() -> None:
+    """The models of seed 0 of all scenes are right and without a doubt."""
+    root = Path(__file__).parents[2]
+    program = [sys.executable, str(root / "examples/planner_accuracy.py"), "--seeds", "1"]
+    done = subprocess.run(program, cwd=root, capture_output=True, text=True, check=True)
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in done.stdout.splitlines()[2:]]
+    assert [(row[0], row[1]) for row in rows] == [
+        (name, boxes)
+        for name in ("figure-eight", "tangle", "side-by-side", "end-on-strand", "empty")
+        for boxes in ("0", "4")
+    ]
+    assert all(row[2:] == ["1", "1", "1", "0", "0"] for row in rows), rows
 
 
 def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tuple[PointChainModel, Score]:

@@ -1,0 +1,66 @@
+"""Count the decisions of `planner.py` about right and wrong models of simulated scenes.
+
+    python examples/planner_accuracy.py --seeds 200
+
+It prints a Markdown table. A model is right if its topology is right and it covers 95 % of the strings, or if it has no
+chains where no string lies. 200 seeds take about 15 minutes on two cores.
+"""
+
+import argparse
+import os
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+
+from planner import decide
+
+from cell.simulation.benchmark.finding_counts import MIN_COVER
+from cell.simulation.evaluation.metrics import score
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing import Scene
+
+SCENES = ("figure-eight", "tangle", "side-by-side", "end-on-strand", "empty")
+BOXES = (0, 4)
+COLUMNS = ("scene", "boxes", "right models", "of these without a doubt", "acts, or finds nothing to do", "wrong models",
+           "acts on a wrong one")  # fmt: skip
+
+Case = tuple[str, int, int]
+"""Name of the scene, number of boxes, seed."""
+
+
+def judge(case: Case) -> tuple[bool, str, bool]:
+    """Return whether the model of a case is right, its verdict, and whether the planner acts or finds nothing to do."""
+    name, boxes, seed = case
+    scene = make_scene(name, seed, clutter=boxes)
+    scan = simulate(scene, camera_model("oak-d-pro"), seed)
+    parameters = ChainParameters.for_radius(scene.radius_m)
+    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    result = score(model.to_json(), scan.truth)
+    is_right = result.topology and result.cover >= MIN_COVER if result.strings else result.chains == 0
+    return is_right, model.quality.verdict, decide(model, may_rescan=True) not in ("rescan", "ask")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="Counts the decisions of planner.py about simulated scenes.")
+    parser.add_argument("--seeds", type=int, default=10, help="number of seeds of each scene (%(default)s)")
+    seeds = parser.parse_args().seeds
+    print(f"| {' | '.join(COLUMNS)} |", f"|{' --- |' * len(COLUMNS)}", sep="\n")
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for name in SCENES:
+            for boxes in BOXES:
+                judged = pool.map(judge, [(name, boxes, seed) for seed in range(seeds)], chunksize=4)
+                counts: Counter[str] = Counter()
+                for is_right, verdict, acts in judged:
+                    counts["right" if is_right else "wrong"] += 1
+                    counts["accepted"] += is_right and verdict == "accept"
+                    counts["right acts" if is_right else "wrong acts"] += acts
+                names = ("right", "accepted", "right acts", "wrong", "wrong acts")
+                print(f"| {name} | {boxes} | {' | '.join(str(counts[key]) for key in names)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
