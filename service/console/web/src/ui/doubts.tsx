@@ -15,11 +15,11 @@ export function Doubts({ summary }: { summary: Scan["summary"] }) {
   const unlisted = summary.doubt_count - summary.doubts.length;
   return (
     <>
-      <Notes doubts={doubts.slice(0, SHOWN)} />
+      <DoubtList doubts={doubts.slice(0, SHOWN)} />
       {more.length > 0 && (
         <details>
           <summary>{t("doubts.more", { count: more.length })}</summary>
-          <Notes doubts={more} />
+          <DoubtList doubts={more} />
         </details>
       )}
       {unlisted > 0 && <p class="note warn">{t("doubts.unlisted", { count: unlisted })}</p>}
@@ -27,7 +27,7 @@ export function Doubts({ summary }: { summary: Scan["summary"] }) {
   );
 }
 
-function Notes({ doubts }: { doubts: readonly Finding[] }) {
+function DoubtList({ doubts }: { doubts: readonly Finding[] }) {
   return (
     <>
       {doubts.map(({ severity, message }) => (
