@@ -55,7 +55,7 @@ def canonical_line(points: NDArray[np.float64], closed: bool) -> CanonicalLine:
 
 
 def order_key(points: NDArray[np.float64], closed: bool) -> float:
-    """Return the value by which chains are ordered: `x + y / 2` of the mean of the line, scaled, metres.
+    """Return the value by which chains are ordered: the mean of the line along `ORDER_AXIS`, metres.
 
     Args:
         points: (N, 3) points of the chain, metres, base frame.
