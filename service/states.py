@@ -6,11 +6,11 @@ ID_PATTERN = r"^[0-9a-z-]{1,64}$"
 """Form of the ids that the service makes. A later id sorts after an earlier one."""
 
 ScanState = Literal[
-    "queued", "preflight", "scanning", "processing", "stopping",
+    "queued", "connecting", "preflight", "scanning", "processing", "stopping",
     "succeeded", "partial", "failed", "aborted", "interrupted",
 ]  # fmt: skip
 """State of a scan, a calibration or a verification."""
-ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "preflight", "scanning", "processing", "stopping")
+ACTIVE_STATES: tuple[ScanState, ...] = ("queued", "connecting", "preflight", "scanning", "processing", "stopping")
 """States of a job that has not ended. All others are final."""
 RESULT_STATES: tuple[ScanState, ...] = ("succeeded", "partial")
 """Final states of a scan that has a result."""

@@ -51,7 +51,7 @@ from cell.errors import (
     StoppedError,
 )
 from cell.planning.calibration_poses import HELD_OUT, POSES
-from cell.planning.viewpoints import ViewpointPlan
+from cell.planning.viewpoints import ViewpointPlan, require_enough
 
 LOCK_TIMEOUT_S = 1.0
 """Timeout for acquiring the lock of the equipment. The idle monitor holds it only for a moment."""
@@ -130,6 +130,35 @@ class Cell:
             ViewpointsError: No path leads from the arm's posture.
         """
         return self._preparation.plan_scan(views, self._preparation.active_hand_eye())
+
+    def check_scan(self, requested_at: float) -> None:
+        """Check what can be known at once of whether a scan is possible. No device is queried.
+
+        Args:
+            requested_at: Time of the request, seconds of `time.monotonic()`.
+
+        Raises:
+            AcknowledgeRequiredError: A fault has not been acknowledged.
+            CalibrationError: There is no usable calibration, or it is not of the connected camera and arm.
+            StoppedError: A stop was requested since `requested_at`.
+        """
+        self._preparation.check_scan(requested_at)
+
+    def validate_scan(self, views: int | None, requested_at: float) -> ViewpointPlan:
+        """Plan a scan as far as possible without a device, from the arm's last known posture.
+
+        Args:
+            views: Number of viewpoints, or None for the configured number.
+            requested_at: As for `check_scan`.
+
+        Raises:
+            ViewpointsError: Too few viewpoints are reachable.
+            CellError: As `check_scan`.
+        """
+        self.check_scan(requested_at)
+        plan = self.plan(views)
+        require_enough(plan, self.settings.for_views(views).scan.min_views)
+        return plan
 
     def prepare_scan(self, views: int | None, requested_at: float) -> PreparedScan:
         """Connect if needed, plan the viewpoints and check that enough are reachable. The arm does not move.
@@ -278,8 +307,11 @@ class Cell:
         with self._exclusive(HOME_TIMEOUT_S):
             self._status.raise_if_fault()
             self._stops.raise_if_stopped_since(requested_at)
+            plan, state = self._status.now.plan, self._equipment.latest_arm_state
+            away = plan is not None and state is not None and not plan.is_home(state.q_rad)
             self._equipment.release_arm()
-            reason = "the arm was released for other programs: connect, or start a live scan"
+            where = "where it stands, which is not its home posture," if away else "for other programs"
+            reason = f"the arm was released {where}: connect, or start a live scan"
             self._status.change(state="not_ready", slug="released", reason=reason)
 
     def acknowledge(self) -> None:

@@ -53,16 +53,33 @@ class Preparation:
     def scan(self, views: int | None, requested_at: float) -> PreparedScan:
         """Prepare a scan, as `Cell.prepare_scan` says."""
         self._stops.raise_if_stopped_since(requested_at)  # before connecting: a stale request must not connect
+        started_at = time.monotonic()
         self._equipment.lay_board(None)
         connected = self.connect(self.active_hand_eye)
         hand_eye = connected.hand_eye
         assert hand_eye is not None
+        connected_at = time.monotonic()
         plan = self.plan_scan(views, hand_eye)
+        planned_at = time.monotonic()
         require_enough(plan, self._settings.for_views(views).scan.min_views)
         self._stops.raise_if_stopped_since(requested_at)
         min_views = min(self._settings.scan.min_views, len(plan.viewpoints))
         header = self._recording_header(hand_eye, connected)
-        return PreparedScan(plan, hand_eye, requested_at, min_views, header)
+        times = connected_at - started_at, planned_at - connected_at
+        return PreparedScan(plan, hand_eye, requested_at, min_views, header, *times)
+
+    def check_scan(self, requested_at: float) -> None:
+        """Check what is known without a device, as `Cell.check_scan` says. Any thread may call this."""
+        self._status.raise_if_fault()
+        self._stops.raise_if_stopped_since(requested_at)
+        status = self._status.now
+        try:
+            hand_eye = self.active_hand_eye()
+            if status.state in ("ready", "busy") and status.camera is not None and status.arm is not None:
+                require_own_devices(hand_eye, status.camera.device_id, status.arm.serial)
+        except CalibrationError as error:
+            self._status.leave_ready(error.slug, str(error))
+            raise
 
     def calibration(self, board: Board, poses: int, held_out: int, requested_at: float) -> PreparedCalibration:
         """Prepare a calibration, as `Cell.prepare_calibration` says."""
@@ -114,6 +131,7 @@ class Preparation:
             arm = status.arm if status.state == "ready" and self._is_still_ready() else None
             if arm is None:
                 arm = self._equipment.arm.connect()
+            self._stops.raise_if_stopped_since(started_at)  # the camera may take long
             camera = self._connect_camera()
             arm_state = self._equipment.arm.state()
             if hand_eye is not None:

@@ -26,6 +26,10 @@ class PreparedScan:
     """Minimum number of views. With fewer views the scan fails."""
     header: RecordingHeader
     """Header of the recording, without a string radius."""
+    connect_s: float
+    """Time that connecting arm and camera took, seconds. Nearly 0 if they were connected."""
+    plan_s: float
+    """Time that planning the viewpoints took, seconds."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,18 @@ class MissingView:
 
 
 @dataclass(frozen=True)
+class ViewTiming:
+    """Durations of the parts of one view, seconds."""
+
+    move_s: float
+    """Moving the arm to the viewpoint."""
+    settle_s: float
+    """Waiting at the viewpoint, so that the arm and the camera come to rest."""
+    exposure_s: float
+    """Capturing the exposures and reading them. A camera that was connected again takes longer."""
+
+
+@dataclass(frozen=True)
 class BoardObservation:
     """The board in one image, before anything is solved."""
 
@@ -44,8 +56,8 @@ class ProgressListener(Protocol):
         """Receive that the arm will move to viewpoint `index` when this returns."""
         ...
 
-    def recorded(self, index: int) -> None:
-        """Receive that the view of viewpoint `index` is on the disk."""
+    def recorded(self, index: int, timing: ViewTiming) -> None:
+        """Receive that the view of viewpoint `index` is on the disk, and how long it took."""
         ...
 
     def missing(self, index: int, reason: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, rotation_angle
-from cell.control.progress import MissingView, ProgressListener
+from cell.control.progress import MissingView, ProgressListener, ViewTiming
 from cell.devices import Arm, ArmState, Camera, View
 from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
 from cell.planning.viewpoints import ViewpointPlan
@@ -73,7 +73,9 @@ def take_views(
             continue
         context.check()
         listener.moving(leg.view)
+        moves_at = time.monotonic()
         at_rest = _follow(context.arm, leg.waypoints_rad)
+        arrived_at = time.monotonic()
         try:
             view = _capture(context, leg.view, at_rest)
         except (CameraLostError, BadFrameError) as error:
@@ -81,8 +83,10 @@ def take_views(
             listener.missing(leg.view, failure)
             yield MissingView(leg.view, failure)
             continue
+        captured_at = time.monotonic()
         view = writer.write_view(view)
-        listener.recorded(leg.view)
+        exposure_s = captured_at - arrived_at - context.settle_s
+        listener.recorded(leg.view, ViewTiming(arrived_at - moves_at, context.settle_s, exposure_s))
         taken += 1
         yield view
     if taken < min_views:

@@ -24,6 +24,10 @@ APPROACH_M = 0.003
 """Further approach that is allowed on the path from a start that is nearer to something than the clearance."""
 
 
+HOME_TOLERANCE_RAD = 0.002
+"""Largest distance of a joint from its home angle at which the arm counts as home."""
+
+
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
     """One pose of the camera in a plan."""
@@ -89,6 +93,10 @@ class ViewpointPlan:
     def reachable(self) -> int:
         """Number of reachable viewpoints."""
         return sum(viewpoint.q_rad is not None for viewpoint in self.viewpoints)
+
+    def is_home(self, q_rad: NDArray[np.float64]) -> bool:
+        """Return whether the joint angles (6,) are those of the home posture."""
+        return bool(np.abs(q_rad - self.home_q_rad).max() <= HOME_TOLERANCE_RAD)
 
     @property
     def unseen(self) -> str | None:

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 from cell.control.prepared import Prepared
-from cell.control.progress import BoardObservation
+from cell.control.progress import BoardObservation, ViewTiming
 from cell.errors import StoppedError
 
 Report = Callable[[str], None]
@@ -39,7 +39,7 @@ class TerminalProgress:
             raise StoppedError("stopped by request")
         self._report(f"moving to {self._position} {index}")
 
-    def recorded(self, index: int) -> None:
+    def recorded(self, index: int, timing: ViewTiming) -> None:
         """Report that the view is on the disk."""
         self._taken += 1
         self._report(f"{self._view} {index} recorded, {self._taken} of {self._views}")

@@ -55,18 +55,17 @@ class CalibrationWork:
             HandEyeError, BoardDetectionError: The views give no result.
             OSError, sqlite3.Error: The disk or the database failed.
         """
-        row, prepared = job.row, job.prepared
+        row, prepared = job.row, job.motion
         self._store.calibrations.update(row.id, ("queued",), state="preflight")
         if job.stop is not None:
             raise JobCancelledError
-        assert prepared is not None
+        assert isinstance(prepared, PreparedCalibration | PreparedVerification)
         folder = run_folder(self._cell, row.id)
         self._store.calibrations.update(row.id, ("preflight",), state="scanning", started_at=now())
         progress = StoredProgress(self._store, row, len(prepared.plan.viewpoints))
         if isinstance(prepared, PreparedVerification):
             yield CalibrationOutcome(None, run_verification(self._cell, prepared, folder, progress).to_json())
             return
-        assert isinstance(prepared, PreparedCalibration)
         run = run_calibration(self._cell, prepared, folder, progress)
         yield CalibrationOutcome(json.loads((folder / HAND_EYE_FILE).read_bytes()), run.verification.to_json())
 

@@ -11,8 +11,8 @@ from service.errors import ServiceError
 from service.jobs.job import Job
 
 PREPARING_S = 1.0
-"""How long a request waits while another one is prepared, so that the refusal can name the job. A replay is accepted
-within milliseconds; for a live scan the cell may have to connect first."""
+"""How long a request waits while another one is prepared, so that the refusal can name the job. A scan is accepted
+within milliseconds; for a calibration the cell may have to connect first."""
 LOCK_S = 0.5
 """Timeout for acquiring the internal lock. It is held for milliseconds, or longer if another program locks the
 database: then requests must not queue up behind one another."""
@@ -52,6 +52,20 @@ class CellLock:
             self._closed = True
             return self._job
 
+    def raise_if_occupied(self) -> None:
+        """Raise why no job is accepted at present, if so. Does not block.
+
+        Raises:
+            ServiceError: `cell-busy`, a job runs or is being prepared; `not-ready`, the service is stopping.
+        """
+        self._refuse_if_closed()
+        if (job := self._job) is not None:
+            raise _occupied_by(job)
+        if self._preparing:
+            raise ServiceError(
+                "cell-busy", "something else is being prepared; try again in some seconds", retry_after_s=2.0
+            )
+
     @contextmanager
     def reserved(self) -> Iterator[None]:
         """Reserve the cell while a job is prepared. It is free again at the end, unless the job was accepted.
@@ -67,13 +81,7 @@ class CellLock:
             self._prepared.wait_for(lambda: self._job is not None or not self._preparing, PREPARING_S)
             if time.monotonic() > latest:  # it took long to acquire the lock again
                 raise _database_busy()
-            self._refuse_if_closed()
-            if self._job is not None:
-                raise _occupied_by(self._job)
-            if self._preparing:
-                raise ServiceError(
-                    "cell-busy", "something else is being prepared; try again in some seconds", retry_after_s=2.0
-                )
+            self.raise_if_occupied()
             self._preparing = True
         finally:
             self._lock.release()

@@ -1,8 +1,9 @@
 """A job: one scan, calibration or verification between its acceptance and its final state."""
 
 import threading
+import time
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from cell.control.prepared import Prepared
 from service.errors import Failure, JobKind, JobReference
@@ -32,14 +33,32 @@ class StopRequest:
         return Failure(self.state, self.reason)
 
 
+@dataclass(frozen=True)
+class UnpreparedScan:
+    """A live scan that was accepted. The cell prepares it when the job runs."""
+
+    views: int | None
+    """Number of viewpoints; None for the configured number."""
+    requested_at: float
+    """Time of the request, monotonic seconds. A later stop cancels the scan."""
+
+
 class Job(Generic[Row]):
     """One accepted scan, calibration or verification. Safe to use from any thread."""
 
-    def __init__(self, row: Row, prepared: Prepared | None) -> None:
+    def __init__(self, row: Row, motion: UnpreparedScan | Prepared | None) -> None:
         self.row = row
         """Row of the job as it was accepted."""
-        self.prepared = prepared
+        self.motion = motion
         """What the arm will do; None for a replay, in which it does nothing."""
+        self.accepted_at = time.monotonic()
+        """Time of the acceptance, monotonic seconds."""
+        self.timing: dict[str, Any] = {}
+        """Durations of the parts of the job so far, seconds, as JSON. Only the thread that runs the job uses them."""
+        self.prepared = threading.Event()
+        """What the arm will do is planned, or the arm does nothing. Recognition does not begin before."""
+        if not isinstance(motion, UnpreparedScan):
+            self.prepared.set()
         self.started = threading.Event()
         """The previous job has ended, with its preview, and this one runs."""
         self.ended = threading.Event()
@@ -55,6 +74,16 @@ class Job(Generic[Row]):
     def kind(self) -> JobKind:
         """Kind of the job."""
         return kind_of(self.row)
+
+    @property
+    def uses_arm(self) -> bool:
+        """Whether the job uses the arm."""
+        return self.motion is not None
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the acceptance, seconds."""
+        return time.monotonic() - self.accepted_at
 
     @property
     def label(self) -> str:

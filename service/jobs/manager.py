@@ -158,7 +158,7 @@ class Jobs:
         job = self._lock.job
         if job is not None and job.row.id == row_id:
             # The arm may already work for the next job if this one has just ended.
-            arm = job.prepared is not None and not job.ended.is_set()
+            arm = job.uses_arm and not job.ended.is_set()
             self._stop(job, "aborted", f"the {job.kind} was cancelled", arm)
             job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
@@ -175,7 +175,7 @@ class Jobs:
         """
         self._stopped_at = time.monotonic()
         job = self._lock.job
-        live = job if job is not None and job.prepared is not None else None
+        live = job if job is not None and job.uses_arm else None
         self._stop(live, "aborted", reason)
         self._cell.wait_while_busy(STOP_TIMEOUT_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
@@ -207,6 +207,10 @@ class Jobs:
         with self._lock.reserved():
             self._cell.release(requested_at)
 
+    def raise_if_busy(self) -> None:
+        """Raise what a new job would be refused with: ServiceError `cell-busy` or `not-ready`."""
+        self._lock.raise_if_occupied()
+
     @property
     def closed(self) -> bool:
         """The service is stopping and accepts no further job."""
@@ -226,7 +230,7 @@ class Jobs:
     def using_arm(self) -> str | None:
         """The running job that uses the arm, as a phrase such as "a scan"; None if there is none."""
         job = self._lock.job
-        return None if job is None or job.prepared is None else f"a {job.kind}"
+        return f"a {job.kind}" if job is not None and job.uses_arm else None
 
     @property
     def calibration(self) -> str | None:
@@ -240,6 +244,7 @@ class Jobs:
         is_scan = job is not None and isinstance(job.row, ScanRow)
         advice = KEPT if is_scan else "start it again"
         self._stop(job, "interrupted", f"the service was stopped; {advice}")
+        self._cell.cancel_connecting()  # the job may be waiting for a camera
         if job is not None:
             job.ended.wait(CANCEL_TIMEOUT_S)
 
@@ -268,9 +273,11 @@ class Jobs:
 
     def _end_recognition(self, job: Job[Any]) -> None:
         started = job.started.is_set()
-        if started and job.prepared is None:
+        if started and not job.uses_arm:
             self._kill_unless_ended(job, 0.0)
             return
+        if started and not job.prepared.is_set():
+            return  # recognition has not begun and will not begin
         # A live scan ends with its arm, and its recognition process stays for the next one. It is killed only if it
         # works on the last views.
         wait_s = GRACE_S if started or job.shutting_down.is_set() else PREVIEW_TIMEOUT_S

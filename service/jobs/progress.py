@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 
-from cell.control.progress import BoardObservation
+from cell.control.progress import BoardObservation, ViewTiming
 from cell.recording import RecordingWriter
 from service.errors import JobKind
 from service.jobs.job import kind_of
@@ -49,9 +49,9 @@ class StoredProgress:
         self._moving_to = index
         self._jobs.set_view(self._id, index, "moving")
 
-    def recorded(self, index: int) -> None:
-        """Write that a view is on disk, with its byte range and hash if there is a recording."""
-        written = {} if self._recording is None else asdict(self._recording.written(index))
+    def recorded(self, index: int, timing: ViewTiming) -> None:
+        """Write that a view is on disk. The row of a scan's view has its durations, byte range and hash."""
+        written = {} if self._recording is None else asdict(self._recording.written(index)) | asdict(timing)
         self._jobs.set_view(self._id, index, "recorded", **written)
         if self._metrics is not None:
             self._metrics.count_recorded_view()

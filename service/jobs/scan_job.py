@@ -16,7 +16,7 @@ from recognition.grasping.gripper import Gripper
 from service.errors import Failure
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.inputs import recognition_inputs
-from service.jobs.job import Job
+from service.jobs.job import Job, UnpreparedScan
 from service.jobs.live_scan import keep_recording, run_live_scan
 from service.jobs.runner import JobCancelledError
 from service.metrics.scans import ScanMetrics
@@ -55,37 +55,39 @@ class ScanWork:
 
     def describe(self, job: Job[ScanRow]) -> str:
         """Return what the scan is of."""
-        if job.prepared is None:
-            return f"replay of recording {job.row.recording}"
-        return f"live, {len(job.prepared.plan.viewpoints)} views"
+        return f"replay of recording {job.row.recording}" if job.row.mode == "replay" else "live"
 
     @contextmanager
     def execute(self, job: Job[ScanRow]) -> Iterator[Outcome]:
         """Take the views of a live scan or read a recording, and recognise them.
 
-        Yields the result. The arm of a live scan is home at the end of the context.
+        For a live scan the cell is first connected, if needed, and the viewpoints are planned. Yields the result. The
+        arm of a live scan is home at the end of the context.
 
         Raises:
             JobCancelledError: The scan was stopped before it began.
-            CellError: The views could not be taken, or the arm did not return home.
+            CellError: The cell cannot do the scan, the views could not be taken, or the arm did not return home.
             TaskFailedError: Recognition gave no result.
             OSError, sqlite3.Error: The disk or the database failed.
         """
         results = self._store.folder.incoming(job.row.id)
+        job.timing["wait"] = round(job.elapsed_s, 3)
+        prepared: PreparedScan | None = None
         try:
-            if job.prepared is not None:
-                self._store.scans.update(job.row.id, ("queued",), state="preflight")
+            if isinstance(job.motion, UnpreparedScan) and job.stop is None:
+                prepared = self._prepare(job, job.motion)
+                job.prepared.set()  # before `stop` is read: a stop reads them in the other order
             if job.stop is None:
                 self._worker.start()
             # An earlier stop found no process to kill; from here on a stop finds one.
             if job.stop is not None:
                 raise JobCancelledError
-            if job.prepared is None:
+            if prepared is None:
                 yield self._replay(job.row, results)
             else:
-                assert isinstance(job.prepared, PreparedScan)
-                with self._live(job.row, job.prepared, results) as outcome:
+                with self._live(job.row, prepared, results) as outcome:
                     yield outcome
+                self._write_return(job)
         finally:
             shutil.rmtree(results, ignore_errors=True)
 
@@ -104,7 +106,9 @@ class ScanWork:
         scan, state = job.row, "partial" if result.partial else "succeeded"
         self.drawing = scan.id
         results = self._store.folder.incoming(scan.id)
-        self._store.scans.finish(scan.id, state, result.summary(), results, result.files)
+        recognition = {stage: round(seconds, 3) for stage, seconds in result.timing_s.items()}
+        job.timing |= {"recognition": recognition, "to_model": round(job.elapsed_s, 3)}
+        self._store.scans.finish(scan.id, state, result.summary(), results, result.files, job.timing)
         return state
 
     def end(self, job: Job[ScanRow], state: ScanState, failure: Failure) -> None:
@@ -135,6 +139,22 @@ class ScanWork:
                 self._keep_calibration_error(job.row, result)
         finally:
             self._end_preview(job.row, result is not None and self._worker.wait_for_preview() and stored)
+
+    def _prepare(self, job: Job[ScanRow], unprepared: UnpreparedScan) -> PreparedScan:
+        """Connect the cell if needed, and plan the viewpoints. Nothing moves."""
+        prepared = self._cell.prepare_scan(unprepared.views, unprepared.requested_at)
+        job.timing |= {"connect": round(prepared.connect_s, 3), "plan": round(prepared.plan_s, 3)}
+        planned = {"calibration_sha256": prepared.hand_eye.sha256, "timing": job.timing}
+        self._store.scans.update(job.row.id, ("connecting",), state="preflight", **planned)
+        return prepared
+
+    def _write_return(self, job: Job[ScanRow]) -> None:
+        """Write when the arm was home. The scan has ended before."""
+        job.timing["to_home"] = round(job.elapsed_s, 3)
+        try:
+            self._store.scans.set_timing(job.row.id, job.timing)
+        except sqlite3.Error:  # the scan is complete without it
+            log.exception("when the arm of %s was home could not be written", job.label)
 
     def _replay(self, scan: ScanRow, results: Path) -> Outcome:
         recording = self._store.recording(scan.recording or "")

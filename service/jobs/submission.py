@@ -8,7 +8,7 @@ from calibration.target.board import Board
 from cell.control.cell import Cell
 from recognition.model.model import Method
 from service.jobs.cell_lock import CellLock
-from service.jobs.job import Job
+from service.jobs.job import Job, UnpreparedScan
 from service.storage.database import new_id, now
 from service.storage.idempotency_keys import Key
 from service.storage.rows import CalibrationRow, KeyRow, RecordingRow, ScanRow
@@ -90,7 +90,7 @@ class Submissions:
         requester: Requester = NOBODY,
         all_grasps: bool = False,
     ) -> ScanRow:
-        """Accept a live scan, after the cell has planned it. Takes seconds if the cell has to connect first.
+        """Accept a live scan. No device is contacted: the job connects and plans.
 
         Args:
             views: Number of viewpoints; None for the configured number.
@@ -101,18 +101,16 @@ class Submissions:
             all_grasps: Whether the model also has the grasps on parts with a doubt.
         """
         with self._lock.reserved():
-            prepared = self._cell.prepare_scan(views, requested_at)
-            sha256 = prepared.hand_eye.sha256
+            self._cell.check_scan(requested_at)
             scan = new_scan(
                 "live",
                 method,
                 radius_m,
                 requester,
-                calibration_sha256=sha256,
                 all_grasps=all_grasps,
                 simulated=self._cell.settings.simulated,
             )
-            with self._lock.accepting(Job(scan, prepared), self._begin):
+            with self._lock.accepting(Job(scan, UnpreparedScan(views, requested_at)), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
             return scan
 
@@ -143,11 +141,10 @@ def new_scan(
     *,
     recording: str | None = None,
     source: str | None = None,
-    calibration_sha256: str | None = None,
     all_grasps: bool = False,
     simulated: bool | None = None,
 ) -> ScanRow:
-    """Return the row of a scan that is accepted now.
+    """Return the row of a scan that is accepted now. The state of a live scan is `connecting`.
 
     Args:
         mode: Kind of scan.
@@ -156,7 +153,6 @@ def new_scan(
         requester: Who requests the scan.
         recording: Id of the recording of a replay.
         source: Id of the scan that is reprocessed.
-        calibration_sha256: Hash of the calibration with which a live scan was planned.
         all_grasps: Whether the model also has the grasps on parts with a doubt.
         simulated: Whether the arm or the camera is simulated. None: not known.
     """
@@ -166,7 +162,7 @@ def new_scan(
         recording=recording,
         method=method,
         string_radius_m=radius_m,
-        state="queued",
+        state="queued" if mode == "replay" else "connecting",
         stage=None,
         fraction=0.0,
         created_at=now(),
@@ -176,7 +172,6 @@ def new_scan(
         failure=None,
         source=source,
         requested_by=requester.name,
-        calibration_sha256=calibration_sha256,
         all_grasps=all_grasps,
         simulated=simulated,
     )

@@ -48,7 +48,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "released": ProblemType(
         title="Released",
         status=None,
-        cause="The arm was released for other programs. This is a value of the cell's `problem`, not an error.",
+        cause="The arm was released for other programs; `robot.at_home` says whether at home or where it was stopped. "
+        "This is a value of the cell's `problem`, not an error.",
         action="Start a live scan, which takes the arm again, or call `POST /api/cell/connect`.",
         group="Start a scan",
     ),
@@ -64,8 +65,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "cell-busy": ProblemType(
         title="The cell is busy",
         status=409,
-        cause="A scan or calibration is running or being prepared. `Location` has the address of a running one; "
-        "`Retry-After` comes with one that is being prepared.",
+        cause="A scan or calibration is running, or a calibration is being prepared. `Location` has the address of a "
+        "running one; `Retry-After` comes with one that is being prepared.",
         action="Wait for its end, or cancel it. Then send the request again.",
         group="Retry later",
         parameters=("kind", "id"),

@@ -151,11 +151,17 @@ UPDATE events SET data = json_set(data, '$.summary', json_object(
         'partial', json(CASE json_extract(data, '$.summary.partial') WHEN 1 THEN 'true' ELSE 'false' END)))
     WHERE kind = 'state' AND json_valid(data) AND json_type(data, '$.summary.warnings') = 'array';
 """,
+    """
+ALTER TABLE scans ADD COLUMN timing TEXT;
+ALTER TABLE views ADD COLUMN move_s DOUBLE PRECISION;
+ALTER TABLE views ADD COLUMN settle_s DOUBLE PRECISION;
+ALTER TABLE views ADD COLUMN exposure_s DOUBLE PRECISION;
+""",
 )
 """Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied.
 
-The script before the last renames members of JSON documents as text. A quote inside a JSON string is escaped, so
-`"name":` is always the name of a member. The last script gives the summaries of earlier scans a verdict. Their models
-have the schema `pointchain/1`, whose messages have no codes, so the verdict is `review`.
+The eighth script renames members of JSON documents as text. A quote inside a JSON string is escaped, so `"name":` is
+always the name of a member. The ninth gives the summaries of earlier scans a verdict. Their models have the schema
+`pointchain/1`, whose messages have no codes, so the verdict is `review`.
 """
 VERSION = len(MIGRATIONS)

@@ -62,6 +62,8 @@ class ScanRow:
     """Whether the model also has the grasps on parts of chains with a doubt."""
     simulated: bool | None = None
     """Whether the arm or the camera is simulated; None if not known."""
+    timing: dict[str, Any] | None = None
+    """Durations of the parts of the scan apart from its views, seconds, as JSON."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,12 @@ class ViewRow:
     """Size of the view in its recording."""
     sha256: str | None = None
     """Hash of these bytes."""
+    move_s: float | None = None
+    """Duration of the move to the viewpoint, seconds."""
+    settle_s: float | None = None
+    """Duration of the wait at the viewpoint, seconds."""
+    exposure_s: float | None = None
+    """Duration of the exposures, seconds."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +186,7 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """Convert a row of `scans`."""
-    values = _parsed(row, "summary", "failure", "inputs", "files")
+    values = _parsed(row, "summary", "failure", "inputs", "files", "timing")
     values["kept"], values["all_grasps"] = bool(values["kept"]), bool(values["all_grasps"])
     values["simulated"] = _flag(values["simulated"])
     return ScanRow(**values)

@@ -20,7 +20,7 @@ from service.states import ACTIVE_STATES, ScanState, ViewState
 from service.storage.data_folder import DataFolder
 from service.storage.database import Database, now, update
 from service.storage.event_log import ScanEvents
-from service.storage.rows import KeyRow, ScanRow, ViewRow, insert, to_scan
+from service.storage.rows import KeyRow, ScanRow, ViewRow, insert, stored, to_scan
 
 log = logging.getLogger(__name__)
 
@@ -82,6 +82,11 @@ class ScanStore:
         with self._database.transaction() as db:
             return db.execute("UPDATE scans SET kept = ? WHERE id = ?", (kept, scan_id)).rowcount == 1
 
+    def set_timing(self, scan_id: str, timing: dict[str, Any]) -> None:
+        """Write the durations of a scan, in any state. This is no event."""
+        with self._database.transaction() as db:
+            db.execute("UPDATE scans SET timing = ? WHERE id = ?", (stored(timing), scan_id))
+
     def update(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Set columns of a scan if its state is one of `only_in`. Return whether they were set."""
         with self._events.transaction() as change:
@@ -110,6 +115,7 @@ class ScanStore:
         summary: dict[str, Any],
         results: Path,
         files: dict[str, Any] | None = None,
+        timing: dict[str, Any] | None = None,
     ) -> None:
         """Move the results into place, then write the final row of the scan. After an error no folder is left.
 
@@ -119,6 +125,7 @@ class ScanStore:
             summary: Short form of the result, as JSON.
             results: Folder whose files are synced.
             files: SHA-256 and size of each file, as JSON.
+            timing: Durations of the scan so far, as JSON.
         """
         final = self._folder.results(scan_id)
         sync_folder(results)
@@ -126,7 +133,7 @@ class ScanStore:
         try:
             sync_folder(final.parent)
             ended = {"state": state, "stage": None, "fraction": 1.0, "ended_at": now()}
-            self.update(scan_id, summary=summary, files=files, **ended)
+            self.update(scan_id, summary=summary, files=files, timing=timing, **ended)
         except BaseException:
             shutil.rmtree(final, ignore_errors=True)
             raise

@@ -40,6 +40,14 @@ class LiveCell:
         assert answer.status_code == 202, answer.text
         return answer.headers["Location"]
 
+    def failure(self, **wanted: Any) -> tuple[str, str]:
+        """Start a live scan that cannot be prepared. Return the slug and the detail of its problem."""
+        location = self.start(**wanted)
+        wait_until(lambda: self.client.get(location).json()["final"])
+        scan = self.client.get(location).json()
+        assert (scan["state"], scan["started_at"], scan["progress"]["views"]) == ("failed", None, []), scan
+        return scan["problem"]["type"].removeprefix("urn:pointchain:"), scan["problem"]["detail"]
+
     def views(self, location: str) -> dict[int, str]:
         """Return the state of each viewpoint that was started, by its index."""
         return {view["index"]: view["state"] for view in self.client.get(location).json()["progress"]["views"]}
@@ -49,7 +57,7 @@ class LiveCell:
 
         def under_way() -> bool:
             states = list(self.views(location).values())
-            assert self.client.get(location).json()["state"] in ("queued", "preflight", "scanning")
+            assert self.client.get(location).json()["state"] in ("connecting", "preflight", "scanning")
             return states.count("recorded") >= views and "moving" in states and self.moving()
 
         wait_until(under_way)

@@ -2,8 +2,10 @@
 
 import sqlite3
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
-from anyio import to_thread
+from anyio import from_thread, to_thread
 from fastapi import APIRouter, Request, Response
 
 from cell.errors import StoppedError
@@ -15,10 +17,13 @@ from service.api.problem_responses import CELL, problem_responses
 from service.api.response_cache import json_response
 from service.api.routes.recordings import require_recording_file
 from service.api.schemas.addresses import SCANS
+from service.api.schemas.cell import viewpoints_resource
 from service.api.schemas.scan_resource import scan_resource, scan_resources
+from service.api.schemas.scan_validation import ScanValidation
 from service.api.schemas.scans import (
     KeepRequest,
     LiveScanRequest,
+    ReplayScanRequest,
     ReprocessRequest,
     ScanList,
     ScanRequest,
@@ -30,7 +35,7 @@ from service.problems.problem_error import ProblemError
 from service.processing.results import check_radius
 from service.states import ACTIVE_STATES
 from service.storage.removal import remove
-from service.storage.rows import ScanRow
+from service.storage.rows import RecordingRow, ScanRow
 
 router = APIRouter(prefix=SCANS, tags=["scans"])
 
@@ -47,15 +52,27 @@ STARTED = {
 }
 
 
-@router.post("", status_code=202, responses=STARTED | problem_responses(*_SUBMIT, *CELL, "viewpoints-unreachable"))
+_VALIDATED: dict[int | str, dict[str, Any]] = {
+    200: {"model": ScanValidation, "description": "The request is valid; no scan was started (`validate_only`)"}
+}
+_START = STARTED | _VALIDATED | problem_responses(*_SUBMIT, *CELL, "viewpoints-unreachable")
+
+
+@router.post("", status_code=202, response_model=ScanResource, responses=_START)
 def start_scan(
     body: ScanRequest, response: Response, service: Service, scan_caller: RequesterDependency
-) -> ScanResource:
+) -> ScanResource | Response:
     """Start a scan. The header Location has its address, at which its progress can be read.
 
-    Only one job runs at a time: 409 names the running one. A live scan is accepted if arm, camera and calibration are
-    ready and enough viewpoints can be reached.
+    The answer comes at once. Only one job runs at a time: 409 names the running one. A live scan is refused if a fault
+    is not acknowledged, or if there is no usable calibration. It begins in the state `connecting`: if arm or camera
+    cannot be used then, or too few viewpoints can be reached, the scan fails and its `problem` says why.
+
+    With `validate_only` the request is checked and the viewpoints are planned. No scan is started, no device is
+    contacted, and an Idempotency-Key is not used up. The answer is 200, or the refusal.
     """
+    if body.validate_only:
+        return json_response(_validate(body, service))
     requester = scan_caller.requester(body)
 
     def submit(requested_at: float) -> ScanRow:
@@ -63,14 +80,7 @@ def start_scan(
             radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
             service.jobs.raise_if_stopped_since(requested_at)
             return service.jobs.submit.live(body.views, body.method, radius, arrival_time(), requester, body.all_grasps)
-        recording = service.store.recording(body.recording)
-        if recording is None:
-            raise ProblemError(
-                "recording-not-found",
-                f"there is no recording {body.recording}; upload it first",
-                recording=body.recording,
-            )
-        require_recording_file(service, recording)
+        recording = _usable_recording(body.recording, service)
         radius = check_radius(body.string_radius_m, recording.string_radius_m)
         return service.jobs.submit.replay(recording, body.method, radius, requester, all_grasps=body.all_grasps)
 
@@ -176,6 +186,44 @@ def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own
     if remove(service.store, "scan", id) is None:
         state = find_scan(id, service).state
         raise ProblemError("scan-active", f"scan {id} is {state}; wait for its end, or cancel it", scan=id, state=state)
+
+
+def _validate(body: ReplayScanRequest | LiveScanRequest, service: Context) -> ScanValidation:
+    """Check a request as far as that is possible without a device. Raises what refuses the scan."""
+    service.require_space()
+    recording, viewpoints = None, None
+    if isinstance(body, LiveScanRequest):
+        views, requested_at = body.views, arrival_time()
+        radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
+        service.jobs.raise_if_busy()
+        plan = from_thread.run(
+            partial(to_thread.run_sync, limiter=service.planning), service.cell.validate_scan, views, requested_at
+        )
+        viewpoints = viewpoints_resource(plan)
+    else:
+        recording = _usable_recording(body.recording, service)
+        radius = check_radius(body.string_radius_m, recording.string_radius_m)
+        service.jobs.raise_if_busy()
+    return ScanValidation(
+        valid=True,
+        mode=body.mode,
+        recording=None if recording is None else recording.id,
+        method=body.method,
+        string_radius_m=radius,
+        all_grasps=body.all_grasps,
+        viewpoints=viewpoints,
+    )
+
+
+def _usable_recording(recording_id: str, service: Context) -> RecordingRow:
+    """Return a recording with its file, or raise ProblemError."""
+    recording = service.store.recording(recording_id)
+    if recording is None:
+        raise ProblemError(
+            "recording-not-found", f"there is no recording {recording_id}; upload it first", recording=recording_id
+        )
+    require_recording_file(service, recording)
+    return recording
 
 
 def _resource(scan: ScanRow, service: Context) -> ScanResource:

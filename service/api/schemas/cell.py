@@ -10,6 +10,7 @@ from pydantic import Field
 from cell.config.cell_config import CellSettings
 from cell.control.status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
+from cell.planning.viewpoints import ViewpointPlan
 from service.api.schemas.base import ApiModel
 from service.api.schemas.calibration import CellWarning
 from service.api.schemas.scans import WHOLE_NUMBER
@@ -39,6 +40,9 @@ class RobotResource(ApiModel):
     moving: bool | None
     q_rad: list[float] | None
     T_base_flange: Matrix | None
+    at_home: bool | None
+    """Whether the arm stood in its home posture when its state was last read. Null until viewpoints were planned. After
+    a release, another program may have moved the arm since."""
     age_s: float | None
     """Age of the state, seconds."""
 
@@ -107,6 +111,20 @@ class CellResource(ApiModel):
     """Conditions that need attention, for example a drift of the camera from its calibration."""
 
 
+def viewpoints_resource(plan: ViewpointPlan) -> ViewpointsResource:
+    """Return the summary of a plan."""
+    return ViewpointsResource(
+        planned=len(plan.viewpoints),
+        reachable=plan.reachable,
+        unreachable=[
+            UnreachableViewpoint(index=viewpoint.index, reason=viewpoint.reason)
+            for viewpoint in plan.viewpoints
+            if viewpoint.reason is not None
+        ],
+        warning=plan.unseen,
+    )
+
+
 class PlanRequest(ApiModel):
     """Number of viewpoints to plan. Null means as configured."""
 
@@ -144,6 +162,7 @@ def cell_resource(
             moving=None if current_state is None or status.state == "fault" else current_state.moving,
             q_rad=None if state is None else state.q_rad.tolist(),
             T_base_flange=None if state is None else state.T_base_flange.tolist(),
+            at_home=None if state is None or plan is None else plan.is_home(state.q_rad),
             age_s=None if state is None else age_s,
         ),
         camera=CameraResource(
@@ -166,17 +185,6 @@ def cell_resource(
             sha256=hand_eye.sha256,
             warnings=list(hand_eye.warnings),
         ),
-        viewpoints=None
-        if plan is None
-        else ViewpointsResource(
-            planned=len(plan.viewpoints),
-            reachable=sum(viewpoint.reason is None for viewpoint in plan.viewpoints),
-            unreachable=[
-                UnreachableViewpoint(index=viewpoint.index, reason=viewpoint.reason)
-                for viewpoint in plan.viewpoints
-                if viewpoint.reason is not None
-            ],
-            warning=plan.unseen,
-        ),
+        viewpoints=None if plan is None else viewpoints_resource(plan),
         warnings=warnings,
     )

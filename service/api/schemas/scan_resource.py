@@ -5,7 +5,15 @@ from collections.abc import Sequence
 
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.problem import problem_resource
-from service.api.schemas.scans import ScanLinks, ScanProgress, ScanResource, ScanSummary, ViewProgress
+from service.api.schemas.scans import (
+    ScanLinks,
+    ScanProgress,
+    ScanResource,
+    ScanSummary,
+    ScanTiming,
+    ViewDurations,
+    ViewProgress,
+)
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.rows import ScanRow, ViewRow
 
@@ -37,6 +45,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         kept=row.kept,
         calibration_sha256=row.calibration_sha256,
         simulated=row.simulated,
+        timing_s=_timing(row, views),
         links=_links(row, own),
     )
 
@@ -47,6 +56,25 @@ def scan_resources(rows: Sequence[ScanRow], views: Sequence[ViewRow]) -> list[Sc
     for view in views:
         of_scan[view.scan].append(view)
     return [scan_resource(row, of_scan[row.id]) for row in rows]
+
+
+def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
+    timing = row.timing or {}
+    durations = [
+        ViewDurations(
+            index=view.view,
+            move=round(view.move_s, 3),
+            settle=round(view.settle_s, 3),
+            exposure=round(view.exposure_s, 3),
+        )
+        for view in views
+        if view.move_s is not None and view.settle_s is not None and view.exposure_s is not None
+    ]
+    return ScanTiming(
+        **{name: timing.get(name) for name in ("wait", "connect", "plan", "to_model", "to_home")},
+        views=durations,
+        recognition=timing.get("recognition", {}),
+    )
 
 
 def _links(row: ScanRow, own: str) -> ScanLinks:

@@ -45,6 +45,8 @@ class _Request(ApiModel):
     method: Method = "graph"
     all_grasps: StrictBool = False
     """Whether the model also has the grasps on parts of strings with a doubt. Their `trusted` is false."""
+    validate_only: StrictBool = False
+    """Whether the request is only checked. No scan is started, and the answer is 200 or the same refusal."""
 
 
 class ReplayScanRequest(_Request):
@@ -144,6 +146,37 @@ class ScanProgress(ApiModel):
     """The viewpoints of a live scan that were reached so far, by index."""
 
 
+class ViewDurations(ApiModel):
+    """Durations of the parts of one view, seconds."""
+
+    index: int
+    move: float
+    """Moving the arm to the viewpoint."""
+    settle: float
+    """Waiting at the viewpoint."""
+    exposure: float
+    """Capturing and reading the exposures."""
+
+
+class ScanTiming(ApiModel):
+    """Durations of the parts of a scan, seconds. Those that are not known are null."""
+
+    wait: float | None
+    """From the request until the work began. The arm of the last scan may have been on its way home."""
+    connect: float | None
+    """Connecting arm and camera. Nearly 0 if they were connected."""
+    plan: float | None
+    """Planning the viewpoints."""
+    views: list[ViewDurations]
+    """The recorded views, by index."""
+    recognition: dict[str, float]
+    """Stages of recognition by their names, as in the model. Those of early views run while the arm moves."""
+    to_model: float | None
+    """From the request until the model was complete."""
+    to_home: float | None
+    """From the request until the arm was home. It is known some seconds after the state is final."""
+
+
 class ScanSummary(ApiModel):
     """Summary of a result."""
 
@@ -208,9 +241,10 @@ class ScanResource(ApiModel):
     kept: bool
     """Whether a person has marked the scan to be kept. It is then not removed at any age."""
     calibration_sha256: str | None
-    """SHA-256 of the hand-eye calibration that a live scan was planned with."""
+    """SHA-256 of the hand-eye calibration that a live scan was planned with. Null until it is planned."""
     simulated: bool | None
     """Whether the arm or the camera is simulated. Null if the recording does not say."""
+    timing_s: ScanTiming
     links: ScanLinks
 
 

@@ -29,7 +29,7 @@ from cell.config.cell_config import CellSettings, HandEyeSettings
 from cell.control.calibration_run import CalibrationRun, run_calibration, run_verification
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedCalibration
-from cell.control.progress import BoardObservation
+from cell.control.progress import BoardObservation, ViewTiming
 from cell.devices import View
 from cell.errors import CalibrationError, MissingViewsError, StoppedError, ViewpointsError
 from cell.simulation.devices.world import simulated_world
@@ -54,7 +54,7 @@ class RecordingListener:
     def moving(self, index: int) -> None:
         self.events.append(("moving", index))
 
-    def recorded(self, index: int) -> None:
+    def recorded(self, index: int, timing: ViewTiming) -> None:
         self.events.append(("recorded", index))
         if self._on_recorded is not None:
             self._on_recorded(index)

@@ -16,7 +16,7 @@ from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
-from cell.control.progress import BoardObservation
+from cell.control.progress import BoardObservation, ViewTiming
 from cell.devices import View
 from cell.errors import (
     AcknowledgeRequiredError,
@@ -55,7 +55,7 @@ class RecordingListener:
     def moving(self, index: int) -> None:
         self.events.append(("moving", index))
 
-    def recorded(self, index: int) -> None:
+    def recorded(self, index: int, timing: ViewTiming) -> None:
         self.events.append(("recorded", index))
         if self._on_recorded is not None:
             self._on_recorded(index)

@@ -34,6 +34,16 @@ def test_stop_during_a_move(open_console: Open, cell: Cell, finished: Finished, 
     cell.make_ready()
 
 
+def test_stop_says_that_it_does_not_reach_a_released_arm(open_console: Open, cell: Cell) -> None:
+    cell.make_ready()
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    page.get_by_role("button", name="Release the arm").click()
+    expect(page.get_by_role("button", name="Connect arm and camera")).to_be_visible()
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.locator("#stop-message")).to_contain_text("released to another program, which this button")
+    cell.make_ready()
+
+
 def test_stop_does_not_wait_for_pending_requests(open_console: Open, cell: Cell) -> None:
     """The page's requests get no answer, and a browser opens at most six connections to a service."""
     cell.make_ready()

@@ -27,10 +27,13 @@ def test_unreachable_viewpoints_are_refused_or_left_missing(
 ) -> None:
     with live_cell(serve, tmp_path / "data", workspace={"x_m": FAR_M}) as cell:
         # With three viewpoints, all are needed.
-        detail = assert_problem(cell.client.post("/api/scans", json=SCAN | {"views": 3}), 422, "viewpoints-unreachable")
+        three = SCAN | {"views": 3}
+        checked = cell.client.post("/api/scans", json=three | {"validate_only": True})
+        detail = assert_problem(checked, 422, "viewpoints-unreachable")
         assert "0: out of the arm's reach" in detail
         assert "1: " not in detail
         assert cell.client.get("/api/scans").json() == {"scans": [], "next": None}
+        assert cell.failure(views=3) == ("viewpoints-unreachable", detail)
         assert events_since(cell, 0, "motion_start") == []
 
         plan = cell.client.post("/api/viewpoints/plan", json={}).json()

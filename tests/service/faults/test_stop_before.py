@@ -58,22 +58,22 @@ class Gate:
 
 
 @contextmanager
-def one_being_planned_and_one_waiting(
+def one_being_checked_and_one_waiting(
     cell: LiveCell, monkeypatch: pytest.MonkeyPatch, **named: Any
 ) -> Iterator[tuple[Future[httpx2.Response], Future[httpx2.Response]]]:
     """Request two live scans, the first with the options `named`. Both are decided after the body."""
     monkeypatch.setattr("service.jobs.cell_lock.PREPARING_S", PATIENCE_S)
     with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
-        planning, asking = Gate(patched, Preparation, "plan_scan"), Gate(patched, Submissions, "live", hold=False)
+        checking, asking = Gate(patched, Cell, "check_scan"), Gate(patched, Submissions, "live", hold=False)
         try:
             first = pool.submit(cell.client.post, "/api/scans", json=SCAN, **named)
             asking.wait_for_one()
-            planning.wait_for_one()
+            checking.wait_for_one()
             second = pool.submit(cell.client.post, "/api/scans", json=SCAN)
             asking.wait_for_one()
             yield first, second
         finally:
-            planning.go_on.set()
+            checking.go_on.set()
 
 
 def request_scan(cell: LiveCell, key: str) -> httpx2.Response:
@@ -91,13 +91,40 @@ def test_a_stop_refuses_scans_that_wait_for_the_cell_lock(
 ) -> None:
     cell.is_well()
     begin = log_position(cell)
-    with one_being_planned_and_one_waiting(cell, monkeypatch) as answers:
+    with one_being_checked_and_one_waiting(cell, monkeypatch) as answers:
         assert cell.client.post("/api/cell/stop").status_code == 200
     for answer in answers:
         assert_refused(answer.result(PATIENCE_S))
     assert events_since(cell, begin, "motion_start") == []
     assert cell.state()["problem"] == STOPPED
     assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # a request after the stop moves the arm
+
+
+@pytest.mark.parametrize("ending", ["stop", "cancel"])
+def test_a_scan_that_is_being_planned_ends_without_a_motion(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch, ending: str
+) -> None:
+    cell.is_well()
+    begin = log_position(cell)
+    with ThreadPoolExecutor() as pool, monkeypatch.context() as patched:
+        planning = Gate(patched, Preparation, "plan_scan")
+        try:
+            accepted = request_scan(cell, f"planned, then {ending}")
+            assert (accepted.status_code, accepted.json()["state"]) == (202, "connecting"), accepted.text
+            location = accepted.headers["Location"]
+            planning.wait_for_one()
+            assert request_scan(cell, f"meanwhile, {ending}").json()["type"] == "urn:pointchain:cell-busy"
+            address = "/api/cell/stop" if ending == "stop" else f"{location}/cancel"
+            ended = pool.submit(cell.client.post, address)
+            wait_until(lambda: cell.client.get(location).json()["state"] == "stopping")
+        finally:
+            planning.go_on.set()
+        assert ended.result(PATIENCE_S).status_code == 200
+    scan = finished(cell.client, location)
+    assert (scan["state"], scan["problem"]["type"]) == ("aborted", "urn:pointchain:aborted")
+    assert request_scan(cell, f"planned, then {ending}").json()["id"] == scan["id"]  # a retry starts nothing
+    assert events_since(cell, begin, "motion_start") == []
+    assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # a later request moves the arm
 
 
 def test_a_stop_refuses_a_release_that_waits_for_the_move_home(
@@ -128,7 +155,7 @@ def test_a_request_from_before_a_stop_is_refused_when_repeated(
 ) -> None:
     cell.is_well()
     begin = log_position(cell)
-    with one_being_planned_and_one_waiting(cell, monkeypatch, headers={"Idempotency-Key": "k"}) as (first, _):
+    with one_being_checked_and_one_waiting(cell, monkeypatch, headers={"Idempotency-Key": "k"}) as (first, _):
         assert cell.client.post("/api/cell/stop").status_code == 200
     assert_refused(first.result(PATIENCE_S))
     refused = request_scan(cell, "k")
@@ -167,13 +194,13 @@ def test_a_stop_refuses_unread_pipelined_requests(cell: LiveCell, monkeypatch: p
         socket.create_connection((cell.client.base_url.host, cell.client.base_url.port), PATIENCE_S) as connection,
         monkeypatch.context() as patched,
     ):
-        planning = Gate(patched, Preparation, "plan_scan")
+        checking = Gate(patched, Cell, "check_scan")
         try:
             connection.sendall(f"{scan}{scan}{end}".encode())
-            planning.wait_for_one()
+            checking.wait_for_one()
             assert cell.client.post("/api/cell/stop").status_code == 200
         finally:
-            planning.go_on.set()
+            checking.go_on.set()
         answers = b"".join(iter(lambda: connection.recv(65536), b"")).decode()
     assert (answers.count("HTTP/1.1 409 "), answers.count(STOPPED), answers.count("HTTP/1.1 200 ")) == (2, 2, 1), (
         answers
@@ -200,11 +227,13 @@ def test_a_hanging_event_loop_aborts_an_accepted_scan(
     assert events_since(cell, begin, "motion_start") == []
 
 
-def test_a_hanging_event_loop_refuses_scans_in_preparation(cell: LiveCell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hanging_event_loop_refuses_scans_that_are_not_accepted(
+    cell: LiveCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cell.is_well()
     begin, jobs = log_position(cell), cell.client.app.state.context.jobs
     assert isinstance(jobs, Jobs)
-    with one_being_planned_and_one_waiting(cell, monkeypatch) as answers:
+    with one_being_checked_and_one_waiting(cell, monkeypatch) as answers:
         jobs.stop_unattended()
     for answer in answers:
         assert_refused(answer.result(PATIENCE_S))

@@ -42,6 +42,8 @@ def test_the_watchdog_stops_the_arm_and_nothing_resumes(
         for _ in range(count):
             answer = client.post("/api/scans", json={"mode": "live", "string_radius_m": 0.0042, "views": 2})
             assert answer.status_code == 202, answer.text
+            location = answer.headers["Location"]
+            wait_until(lambda location=location: client.get(location).json()["state"] == "scanning")
             with closing(AdminClient(host)) as controller:
                 wait_for_long_move(controller)
                 since = controller.state().events
@@ -56,7 +58,7 @@ def test_the_watchdog_stops_the_arm_and_nothing_resumes(
                 # The time in which the controller itself could not run on this machine does not count.
                 expired_s.append(expired["stamp_s"] - suspended_s - expired["details"]["excused_s"])
                 assert not kinds(events, "motion_done"), "the arm completed its move"
-                scan = finished(client, answer.headers["Location"])
+                scan = finished(client, location)
                 assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
                 wait_until(lambda: client.get("/api/cell").json()["state"] == "fault")
                 time.sleep(0.5)  # a move that resumed by itself would have begun by now

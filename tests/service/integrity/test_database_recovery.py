@@ -23,7 +23,7 @@ from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
 def test_unreadable_rows_are_removed_and_stay_in_the_copy_of_the_database(data: Data) -> None:
     data.change("UPDATE recordings SET missing = '[not json' WHERE id = ?", UPLOAD)
-    data.change("INSERT INTO views VALUES ('nobody', 1, 'recorded', NULL, '', NULL, NULL, NULL)")
+    data.change("INSERT INTO views (scan, view, state, changed_at) VALUES ('nobody', 1, 'recorded', '')")
     data.change("UPDATE scans SET id = '../out' WHERE id = ?", LIVE)
     assert {"row-unreadable", "row-without-parent"} <= data.codes()
     messages = data.repair()

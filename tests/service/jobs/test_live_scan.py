@@ -90,6 +90,53 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
     assert replayed == model
 
 
+def test_a_scan_says_how_long_its_parts_took(cell: LiveCell, finished: Finished) -> None:
+    wait_until(lambda: cell.state()["state"] != "busy")
+    cell.is_well()
+    begin = time.monotonic()
+    accepted = cell.client.post("/api/scans", json=SCAN).json()
+    assert (accepted["state"], accepted["final"]) == ("connecting", False)
+    unknown = dict.fromkeys(("wait", "connect", "plan", "to_model", "to_home"))
+    assert accepted["timing_s"] == unknown | {"views": [], "recognition": {}}
+    location = accepted["links"]["self"]
+    scan = finished(cell.client, location)
+    wait_until(lambda: cell.client.get(location).json()["timing_s"]["to_home"] is not None)
+    whole_s = time.monotonic() - begin
+    timing = cell.client.get(location).json()["timing_s"]
+    assert [view["index"] for view in timing["views"]] == list(range(8))
+    assert all(view["move"] > 0 and view["exposure"] > 0 and view["settle"] == 0 for view in timing["views"])
+    model = cell.client.get(scan["links"]["model"]).json()
+    rounded = {stage: pytest.approx(seconds, abs=0.001) for stage, seconds in model["timing_s"].items()}
+    assert timing["recognition"] == rounded
+    # The parts come one after the other, and the arm goes home last.
+    parts_s = sum(timing[part] for part in ("wait", "connect", "plan"))
+    parts_s += sum(view["move"] + view["settle"] + view["exposure"] for view in timing["views"])
+    assert 0 < parts_s < timing["to_model"] < timing["to_home"] < whole_s
+
+
+def test_a_valid_request_for_a_live_scan_shows_its_viewpoints(cell: LiveCell, assert_problem: Problem) -> None:
+    wait_until(lambda: cell.state()["state"] != "busy")
+    scans = cell.client.get("/api/scans").json()
+    request = SCAN | {"views": 4, "validate_only": True}
+    answer = cell.client.post("/api/scans", json=request, headers={"Idempotency-Key": "only checked"})
+    assert answer.status_code == 200, answer.text
+    assert answer.json() == {
+        "valid": True,
+        "mode": "live",
+        "recording": None,
+        "method": "graph",
+        "string_radius_m": 0.0042,
+        "all_grasps": False,
+        "viewpoints": {"planned": 4, "reachable": 4, "unreachable": [], "warning": None},
+    }
+    assert cell.client.get("/api/scans").json() == scans
+    # the key is free
+    started = cell.client.post("/api/scans", json=SCAN, headers={"Idempotency-Key": "only checked"})
+    assert started.status_code == 202
+    assert_problem(cell.client.post("/api/scans", json=request), 409, "cell-busy")
+    assert cell.client.post(f"{started.headers['Location']}/cancel").status_code == 200
+
+
 def test_the_cell_reports_its_devices(cell: LiveCell) -> None:
     wait_until(lambda: cell.state()["state"] != "busy")  # the arm is home
     cell.is_well()
@@ -144,11 +191,24 @@ def test_a_released_arm_accepts_other_programs_until_the_next_scan(cell: LiveCel
     answer = cell.client.post("/api/cell/release")
     assert (answer.status_code, answer.json()["state"]) == (200, "not_ready"), answer.text
     assert answer.json()["problem"] == "urn:pointchain:released"
+    assert answer.json()["robot"]["at_home"] is True
     assert not cell.moving()
     assert cell.controller.state().program_state == "STOPPED"
     assert cell.events("braking", after_s=begin) == []
     assert cell.client.post("/api/cell/release").status_code == 200
     assert finished(cell.client, cell.start())["state"] == "succeeded"
+
+
+def test_an_arm_that_is_released_after_a_stop_is_not_reported_as_home(cell: LiveCell, finished: Finished) -> None:
+    location = cell.start()
+    cell.wait_for_motion(location)
+    assert cell.client.post("/api/cell/stop").json()["robot"]["at_home"] is False
+    finished(cell.client, location)
+    released = cell.client.post("/api/cell/release").json()
+    assert (released["problem"], released["robot"]["at_home"]) == ("urn:pointchain:released", False)
+    assert "not its home posture" in released["reason"]
+    assert finished(cell.client, cell.start())["state"] == "succeeded"
+    wait_until(lambda: cell.state()["robot"]["at_home"] is True)
 
 
 def test_the_plan_is_available_before_a_device_is_connected(serve: Serve, tmp_path: Path) -> None:

@@ -11,10 +11,11 @@ from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
 from service.storage.rows import ViewRow
 
-STARTS = ("queued",)
+STARTS = ("queued", "connecting")
 ENDS = ("stopping", "failed", "aborted", "interrupted")
 NEXT: dict[str, tuple[str, ...]] = {
-    "queued": ("preflight", "processing", *ENDS),
+    "queued": ("processing", *ENDS),
+    "connecting": ("preflight", *ENDS),
     "preflight": ("scanning", *ENDS),
     "scanning": ("processing", *ENDS),
     "processing": ("succeeded", "partial", *ENDS),

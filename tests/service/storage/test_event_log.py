@@ -79,7 +79,7 @@ def test_each_change_has_its_event(store: Store) -> None:
     events = events_since(store, scan)
     kinds = [(event.kind, event.data.get("state"), event.data.get("index")) for event in events]
     assert kinds == [
-        ("state", "queued", None),
+        ("state", "connecting", None),
         ("state", "scanning", None),
         ("view", "moving", 2),
         ("view", "recorded", 2),
@@ -140,7 +140,7 @@ def test_a_change_that_cannot_be_written_is_not_published(store: Store) -> None:
     asyncio.run(changes())
     present = store.events.snapshot(scan)
     assert present is not None
-    assert (present.scan.state, present.views, present.newest) == ("queued", [], 1)
+    assert (present.scan.state, present.views, present.newest) == ("connecting", [], 1)
     store.scans.update(scan, state="scanning")
     assert [event.id for event in events_since(store, scan)] == [1, 2]  # the ids have no gap
 

@@ -89,7 +89,8 @@ function outcome(cell: Cell): Message {
   const time = clock(new Date());
   const reason = cell.problem?.replace("urn:pointchain:", "");
   if (cell.robot.moving === false || reason === "stopped") return ["good", t("stop.stopped", { time })];
-  if (reason === "not-connected" || reason === "released") return ["sent", t("stop.no_arm", { time })];
+  if (reason === "not-connected") return ["sent", t("stop.no_arm", { time })];
+  if (reason === "released") return ["bad", t("stop.released", { time })];
   return ["bad", t("stop.unknown", { time })];
 }
 

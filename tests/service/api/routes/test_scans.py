@@ -196,6 +196,26 @@ def test_an_invalid_request_starts_no_scan(
     body = json.dumps({"mode": "replay", "recording": recording} | members)
     answer = client.post("/api/scans", content=body, headers={"Content-Type": "application/json"})
     assert message in assert_problem(answer, status, slug)
+    checked = json.dumps({"mode": "replay", "recording": recording, "validate_only": True} | members)
+    refused = client.post("/api/scans", content=checked, headers={"Content-Type": "application/json"})
+    assert message in assert_problem(refused, status, slug)
+    assert client.get("/api/scans").json() == before
+
+
+def test_a_valid_request_that_is_only_checked_starts_no_scan(client: httpx2.Client, recording: str) -> None:
+    before = client.get("/api/scans").json()
+    request = {"mode": "replay", "recording": recording, "method": "matching", "validate_only": True}
+    answer = client.post("/api/scans", json=request)
+    assert answer.status_code == 200, answer.text
+    assert answer.json() == {
+        "valid": True,
+        "mode": "replay",
+        "recording": recording,
+        "method": "matching",
+        "string_radius_m": 0.0042,  # of the recording
+        "all_grasps": False,
+        "viewpoints": None,
+    }
     assert client.get("/api/scans").json() == before
 
 

@@ -20,7 +20,7 @@ export const ALL: Filter = { outcome: "", mode: "", kept: false, from: "", to: "
 const OUTCOMES: Record<Exclude<Filter["outcome"], "">, Query["state"]> = {
   model: ["succeeded", "partial"],
   without: ["failed", "aborted", "interrupted"],
-  active: ["queued", "preflight", "scanning", "processing", "stopping"],
+  active: ["queued", "connecting", "preflight", "scanning", "processing", "stopping"],
 };
 
 /** Return the filters as query parameters; days are in the time zone of the browser. */

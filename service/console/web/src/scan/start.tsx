@@ -26,9 +26,10 @@ export function Start({ action }: { action: Action }) {
   const invalid = radius.fault !== null || (mode === "live" && views.fault !== null);
 
   async function start(): Promise<void> {
-    const both = { string_radius_m: radiusMetres(radius), method, all_grasps: false };
+    const both = { string_radius_m: radiusMetres(radius), method, all_grasps: false, validate_only: false };
     const body = mode === "live" ? { ...both, mode, views: views.value } : { ...both, mode, recording: recording ?? "" };
-    show(await resultOf(api.POST("/api/scans", { body, ...longCall })));
+    const started = await resultOf(api.POST("/api/scans", { body, ...longCall }));
+    if ("links" in started) show(started);
     refreshNow();
   }
 

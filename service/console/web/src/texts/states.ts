@@ -10,6 +10,7 @@ export const CELL_TONES: Record<Cell["state"], Tone> = { ready: "good", busy: "w
 
 export const SCAN_TONES: Record<ScanState, Tone> = {
   queued: "work",
+  connecting: "work",
   preflight: "work",
   scanning: "work",
   processing: "work",
@@ -48,7 +49,7 @@ export function outcome({ state, summary }: Scan): { word: string; tone: Tone } 
 
 /** Return whether a scan or run in this state continues. */
 export function isActive(state: ScanState): boolean {
-  return ["queued", "preflight", "scanning", "processing", "stopping"].includes(state);
+  return ["queued", "connecting", "preflight", "scanning", "processing", "stopping"].includes(state);
 }
 
 /** Return whether a scan has a model. */
