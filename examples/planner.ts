@@ -2,29 +2,26 @@
 //
 // Run: node examples/planner.ts [URL]   (Node 24 runs TypeScript directly). The service's arm moves.
 // A token comes from POINTCHAIN_TOKEN, if set.
+//
+// The types are generated from the description of the API. Node removes them, so this file runs without them.
+// To check your own planner, copy tsconfig.json too, and generate the types from a running service:
+//   npm install --save-dev typescript@5 openapi-typescript@7 @types/node@24
+//   npx openapi-typescript http://HOST:8000/openapi.json -o pointchain.d.ts && npx tsc
 
 import { randomUUID } from "node:crypto";
+import type { components, paths } from "./pointchain.d.ts";
 
-type Problem = { type: string; title: string; detail: string };
-type Scan = {
-  id: string;
-  state: string;
-  final: boolean;
-  problem: Problem | null;
-  links: { self: string; model: string | null };
-};
-type Grasp = { chain: number; s_m: number; opening_m: number; T_base_grasp: number[][] };
-type Finding = { code: string; severity: "note" | "doubt" | "blocking"; message: string };
-type Verdict = "accept" | "review" | "refuse";
-type Model = {
-  chains: { id: number; trust: Verdict }[];
-  grasps: Grasp[];
-  quality: { verdict: Verdict; findings: Finding[] };
-};
+type Schemas = components["schemas"];
+type Scan = Schemas["ScanResource"];
+type Model = Schemas["ModelDocument"];
+type Grasp = Schemas["GraspDocument"];
+type Code = Schemas["FindingDocument"]["code"];
 
 const service = process.argv[2] ?? "http://127.0.0.1:8000";
 const token = process.env["POINTCHAIN_TOKEN"];
-const MORE_DATA_HELPS = new Set([
+const SCANS = "/api/scans" satisfies keyof paths;
+const RELEASE = "/api/cell/release" satisfies keyof paths;
+const MORE_DATA_HELPS = new Set<Code>([
   "connection-uncertain",
   "crossing-undecided",
   "end-unobserved",
@@ -39,17 +36,17 @@ async function call<T>(method: string, path: string, body?: object, key?: string
   if (token) headers["Authorization"] = `Bearer ${token}`;
   if (body) headers["Content-Type"] = "application/json";
   if (key) headers["Idempotency-Key"] = key;
-  const answer = await fetch(new URL(path, service), { method, headers, body: body && JSON.stringify(body) });
+  const answer = await fetch(new URL(path, service), { method, headers, body: body ? JSON.stringify(body) : null });
   if (!answer.ok) {
-    const problem = (await answer.json()) as Problem;
+    const problem = (await answer.json()) as Schemas["Problem"];
     throw new Error(`${problem.type}: ${problem.detail}`);
   }
   return (await answer.json()) as T;
 }
 
 async function scan(): Promise<Model> {
-  const wanted = { mode: "live", string_radius_m: 0.0042 };
-  let scan = await call<Scan>("POST", "/api/scans", wanted, randomUUID());
+  const wanted = { mode: "live", string_radius_m: 0.0042 } satisfies Partial<Schemas["LiveScanRequest"]>;
+  let scan = await call<Scan>("POST", SCANS, wanted, randomUUID());
   while (!scan.final) {
     await new Promise((resolve) => setTimeout(resolve, 500));
     scan = await call<Scan>("GET", scan.links.self);
@@ -61,13 +58,13 @@ async function scan(): Promise<Model> {
 }
 
 /** Return a grasp to carry out, or what to do instead. */
-function decide({ chains, grasps, quality }: Model, mayRescan: boolean): Grasp | "done" | "rescan" | "ask" {
-  if (quality.verdict === "accept" && chains.length === 0) return "done";
-  const accepted = new Set(chains.filter(({ trust }) => trust === "accept").map(({ id }) => id));
-  const grasp = grasps.find(({ chain }) => accepted.has(chain));
+function decide(model: Model, mayRescan: boolean): Grasp | "done" | "rescan" | "ask" {
+  if (model.quality.verdict === "accept" && model.chains.length === 0) return "done";
+  const accepted = new Set(model.chains.filter((chain) => chain.trust === "accept").map((chain) => chain.id));
+  const grasp = model.grasps.find((grasp) => accepted.has(grasp.chain));
   if (grasp !== undefined) return grasp;
-  const doubts = quality.findings.filter(({ severity }) => severity !== "note");
-  const moreDataHelps = doubts.length > 0 && doubts.every(({ code }) => MORE_DATA_HELPS.has(code));
+  const doubts = model.quality.findings.filter((finding) => finding.severity !== "note");
+  const moreDataHelps = doubts.length > 0 && doubts.every((finding) => MORE_DATA_HELPS.has(finding.code));
   return mayRescan && moreDataHelps ? "rescan" : "ask";
 }
 
@@ -79,11 +76,11 @@ async function main(): Promise<number> {
     decision = decide(model, false);
   }
   if (typeof decision === "string") {
-    const messages = model.quality.findings.map(({ message }) => message);
+    const messages = model.quality.findings.map((finding) => finding.message);
     console.error([`${decision}:`, ...messages].join("\n  "));
     return decision === "done" ? 0 : 1;
   }
-  await call("POST", "/api/cell/release"); // returns when the arm is home: from here on this program may move it
+  await call("POST", RELEASE); // returns when the arm is home: from here on this program may move it
   console.log(`chain ${decision.chain} at ${decision.s_m} m, open to ${decision.opening_m} m, T_base_grasp:`);
   console.log(JSON.stringify(decision.T_base_grasp));
   return 0;

@@ -51,6 +51,7 @@ ELSEWHERE = {
     "::test_a_started_controller_accepts_connections",
     ".venv/bin/python -c 'from cell.simulation": "tests/cell/simulation/ur_controller/test_faults.py::protective_stop",
     "pytest -m ursim": "pyproject.toml::ursim: any UR controller",
+    "npx openapi-typescript": "tests/examples/test_planner_types.py::openapi-typescript/bin/cli.js",
     "curl -H": "tests/service/security/auth/test_bind_policy.py::",
 }
 """The test that covers a command, by the beginning of the command.
