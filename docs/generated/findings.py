@@ -30,8 +30,20 @@ in the metric `pointchain_findings_total`.
 
 ## Overview
 
-| code | severity | a program must not rely on |
-| --- | --- | --- |
+A program that decides alone can follow the column *decision*:
+
+| decision | meaning |
+| --- | --- |
+| `scan again` | Another scan, if possible from more views, can resolve it. |
+| `recognise again` | Recognition of the same recording, with another radius or by this version, can resolve it. |
+| `ask a person` | Another scan would probably have the same finding. |
+| `nothing` | The finding changes no verdict. |
+
+If the decisions on the doubts of a model differ, ask a person. Do the same for a doubt with an unknown code, and if a
+doubt remains after the second scan.
+
+| code | severity | decision | a program must not rely on |
+| --- | --- | --- | --- |
 """
 
 SCOPES = {
@@ -48,7 +60,10 @@ TITLES = {"blocking": "Blocking findings", "doubt": "Doubts", "note": "Notes"}
 
 def page() -> str:
     """Return the page as Markdown."""
-    rows = [f"| [`{code}`](#{code}) | {kind.severity} | {SCOPES[kind.scope]} |" for code, kind in FINDING_TYPES.items()]
+    rows = [
+        f"| [`{code}`](#{code}) | {kind.severity} | {kind.decision} | {SCOPES[kind.scope]} |"
+        for code, kind in FINDING_TYPES.items()
+    ]
     sections = [_severity_section(severity, title) for severity, title in TITLES.items()]
     return INTRODUCTION + "\n".join(rows) + "\n\n" + "\n".join(sections)
 

@@ -1,4 +1,4 @@
-"""The table of finding codes: severity, meaning, what to do, and what the finding blocks."""
+"""The table of finding codes: severity, meaning, what the finding blocks, what to do, and what a program decides."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +12,14 @@ Severity = Literal["note", "doubt", "blocking"]
 """
 Scope = Literal["nothing", "model", "chain", "part", "crossing"]
 """What a doubt or a blocking finding concerns: the completeness of the model, whole chains, a part, or a crossing."""
+
+Decision = Literal["scan again", "recognise again", "ask a person", "nothing"]
+"""What a program does about a finding.
+
+`scan again`: another scan, if possible from more views, can resolve it. `recognise again`: recognition of the same
+recording with other parameters, or by this version, can resolve it. `ask a person`: another scan would probably have
+the same finding. `nothing`: the finding changes no verdict.
+"""
 
 FindingCode = Literal[
     "sharp-bend",
@@ -68,6 +76,8 @@ class FindingType:
     """What was found."""
     action: str
     """What a planner or an operator can do about it."""
+    decision: Decision
+    """What a program does about it. `nothing` for notes."""
     value: str | None = None
     """Meaning and unit of `value`; `limit` has the same unit. None if the finding has no value."""
 
@@ -78,6 +88,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="part",
         meaning="The chain bends more sharply than a string can. It may have taken the wrong strand at a crossing.",
         action="Do not rely on the order of the chain, and do not grasp at the bend. Scan again from more views.",
+        decision="scan again",
         value="bend angle, rad",
     ),
     "connection-uncertain": FindingType(
@@ -85,6 +96,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="part",
         meaning="The strands that meet here may be connected differently.",
         action="Do not rely on the order of the chain beyond this part. Scan again from more views.",
+        decision="scan again",
         value="margin of this connection over the next best one, squared sigmas",
     ),
     "crossing-undecided": FindingType(
@@ -92,6 +104,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="crossing",
         meaning="The heights of the two strands differ too little to decide which strand is over.",
         action="Do not pull there. Scan again from more views, or ask a person.",
+        decision="scan again",
         value="confidence of the crossing, 0.5 to 1",
     ),
     "upper-strand-unseen": FindingType(
@@ -99,6 +112,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="crossing",
         meaning="The strand that is over by its height was not seen at the crossing, but the other strand was.",
         action="Do not pull there. Scan again from more views, or ask a person.",
+        decision="scan again",
         value="confidence of the crossing, 0.5 to 1",
     ),
     "ends-touching": FindingType(
@@ -106,6 +120,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="part",
         meaning="The end faces another end so closely that one string may continue there.",
         action="Check the radius. Treat both ends as connected until a person or another scan has separated them.",
+        decision="ask a person",
         value="gap between the ends, m",
     ),
     "end-unobserved": FindingType(
@@ -113,12 +128,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="part",
         meaning="The end is hidden, or something that is in no chain lies ahead of it. The string may continue there.",
         action="Do not pull the string out at this end. Scan again, or remove what hides the end.",
+        decision="scan again",
     ),
     "possible-bar": FindingType(
         severity="doubt",
         scope="chain",
         meaning="The measured surface does not show whether the object is round. It may be a bar with edges.",
         action="Ask a person what lies there, or scan again from more views.",
+        decision="ask a person",
         value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges",
     ),
     "possible-object": FindingType(
@@ -126,6 +143,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="chain",
         meaning="Surface that is in no chain lies along the chain. The chain may be an edge or a fold of an object.",
         action="Ask a person what lies there, or remove the object and scan again.",
+        decision="ask a person",
         value="share of the chain with such surface beside it, 0 to 1",
     ),
     "above-table": FindingType(
@@ -133,6 +151,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="chain",
         meaning="The chain lies above the table along nearly all its length. It rests on something, or it is an edge.",
         action="Check the table height. Ask a person what lies there.",
+        decision="ask a person",
         value="height of the underside above the table, m",
     ),
     "radius-much-smaller": FindingType(
@@ -140,6 +159,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="chain",
         meaning="The string is much thinner than the given radius. Parts and ends of thin strings are missed.",
         action="Give the radius of the thinnest string, and recognise the scan again.",
+        decision="recognise again",
         value="measured radius, m",
     ),
     "possible-string": FindingType(
@@ -147,6 +167,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="model",
         meaning="A piece was excluded that may be a string: too few views saw it, or it has another radius.",
         action="Check the radius, and give that of the thinnest string. Otherwise scan again from more views.",
+        decision="scan again",
         value="length of the piece, m",
     ),
     "table-not-covered": FindingType(
@@ -154,6 +175,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="model",
         meaning="Fewer than two views show a part of the table. Strings may be missed or cut short there.",
         action="Reduce the workspace, or add viewpoints.",
+        decision="ask a person",
         value="share of the table that is not covered, 0 to 1",
     ),
     "scene-changed": FindingType(
@@ -161,12 +183,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="chain",
         meaning="The views that were captured last contradict all earlier ones. Something may have moved meanwhile.",
         action="Scan again.",
+        decision="scan again",
     ),
     "calibration-drift": FindingType(
         severity="doubt",
         scope="chain",
         meaning="All views agree on a camera pose that is far from the calibrated pose.",
         action="Calibrate again. Until then, all positions may be shifted.",
+        decision="ask a person",
         value="distance from the calibrated pose, in sigmas of a good calibration",
     ),
     "pointchain-1": FindingType(
@@ -174,18 +198,21 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="chain",
         meaning="The model has the schema `pointchain/1`. Fewer checks were made, and its messages have no codes.",
         action="Recognise the scan again, or let a person read the messages.",
+        decision="recognise again",
     ),
     "end-at-border": FindingType(
         severity="note",
         scope="nothing",
         meaning="The chain ends at the border of the workspace. The string may continue outside.",
         action="Do not pull the string out at this end. Enlarge the workspace if the whole string is needed.",
+        decision="nothing",
     ),
     "radius-smaller": FindingType(
         severity="note",
         scope="nothing",
         meaning="The string is thinner than the given radius. Thinner strings beside it may be missed.",
         action="Give the radius of the thinnest string.",
+        decision="nothing",
         value="measured radius, m",
     ),
     "radius-larger": FindingType(
@@ -193,6 +220,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="The string is thicker than the given radius.",
         action="Nothing, or give the right radius.",
+        decision="nothing",
         value="measured radius, m",
     ),
     "no-grasp": FindingType(
@@ -200,12 +228,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="No position along the chain suits the gripper. The message has the reasons.",
         action="Grasp another chain, use another gripper, or move what is near.",
+        decision="nothing",
     ),
     "no-trusted-grasp": FindingType(
         severity="note",
         scope="nothing",
         meaning="The chain has grasps, but only on parts with a doubt. They are not in the model.",
         action="Resolve the doubt, or ask for all grasps.",
+        decision="nothing",
         value="number of these grasps",
     ),
     "no-string-in-view": FindingType(
@@ -213,18 +243,21 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="Nothing in the workspace is higher above the table than the threshold. The model has no chains.",
         action="Nothing, if the table is empty. Otherwise check the radius, the table height and the workspace.",
+        decision="nothing",
     ),
     "no-string-found": FindingType(
         severity="note",
         scope="nothing",
         meaning="Nothing above the table is long, round and about as thick as the string. The model has no chains.",
         action="Nothing, if no string is there. Otherwise check the radius.",
+        decision="nothing",
     ),
     "piece-too-short": FindingType(
         severity="note",
         scope="nothing",
         meaning="A piece was excluded because it is too short to be distinguished from noise.",
         action="Nothing. If it is the rest of a string, scan again from more views.",
+        decision="nothing",
         value="length of the piece, m",
     ),
     "piece-hardly-seen": FindingType(
@@ -232,6 +265,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="A short piece was excluded because hardly any surface supports it.",
         action="Nothing. If it is the rest of a string, scan again from more views.",
+        decision="nothing",
         value="length of the piece, m",
     ),
     "piece-not-round": FindingType(
@@ -239,6 +273,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="A piece was excluded because its surface is not round like a string.",
         action="Nothing, if an object lies there. Otherwise check the radius.",
+        decision="nothing",
         value="length of the piece, m",
     ),
     "piece-in-table": FindingType(
@@ -246,6 +281,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="A piece was excluded because its tube would reach into the table.",
         action="Nothing, if an object lies there. Otherwise check the table height and the radius.",
+        decision="nothing",
         value="length of the piece, m",
     ),
     "more-pieces": FindingType(
@@ -253,6 +289,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="More pieces were excluded than are listed. Many pieces show that the views do not fit together well.",
         action="Check the calibration if no objects explain the pieces.",
+        decision="nothing",
         value="number of further pieces",
     ),
     "unexplained-surface": FindingType(
@@ -260,6 +297,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="Something above the table is in no chain: an object, or string that was not recognised.",
         action="Nothing, if an object lies there. The grasps keep clear of it.",
+        decision="nothing",
         value="size, m",
     ),
     "more-unexplained-surface": FindingType(
@@ -267,6 +305,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="More things above the table are in no chain than are listed.",
         action="Nothing, if objects lie there. The grasps keep clear of them.",
+        decision="nothing",
         value="number of further things",
     ),
     "view-missing": FindingType(
@@ -274,54 +313,63 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="The view was not captured: the camera failed there, or the viewpoint was not reachable.",
         action="Nothing, if the other views suffice. If it happens again, plan the viewpoints and read the reasons.",
+        decision="nothing",
     ),
     "recording-incomplete": FindingType(
         severity="note",
         scope="nothing",
         meaning="The recording lacks something, for example because it was cut off.",
         action="Nothing, if the complete views suffice. Otherwise scan again.",
+        decision="nothing",
     ),
     "view-without-depth": FindingType(
         severity="note",
         scope="nothing",
         meaning="No pixel of the view has a depth.",
         action="If it happens again, check the camera.",
+        decision="nothing",
     ),
     "view-outside-workspace": FindingType(
         severity="note",
         scope="nothing",
         meaning="The view measured nothing in the workspace.",
         action="If it happens again, check the viewpoints and the workspace.",
+        decision="nothing",
     ),
     "view-stuck": FindingType(
         severity="note",
         scope="nothing",
         meaning="Every pixel of the view has the same depth.",
         action="Check the camera.",
+        decision="nothing",
     ),
     "view-without-string": FindingType(
         severity="note",
         scope="nothing",
         meaning="The view has too few points above the table.",
         action="Nothing, if the string is not in the field of view there.",
+        decision="nothing",
     ),
     "view-crowded": FindingType(
         severity="note",
         scope="nothing",
         meaning="The view has too many points above the table for a scene of strings.",
         action="If it happens again, check the table height and the workspace.",
+        decision="nothing",
     ),
     "view-contradicting": FindingType(
         severity="note",
         scope="nothing",
         meaning="The view contradicts the other views, and was excluded. Its pose was wrong, or something moved.",
         action="Nothing, if it happens rarely. Otherwise check the arm and the calibration.",
+        decision="nothing",
     ),
     "view-pose-error": FindingType(
         severity="note",
         scope="nothing",
         meaning="The view was not captured at the pose that the arm reported, and was excluded.",
         action="Check the arm, and that it is at rest when the camera captures.",
+        decision="nothing",
     ),
 }
 """All codes, the most serious first."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recognition.model.document import FindingDocument, finding_json
-from recognition.model.finding_types import FINDING_TYPES, FindingCode, FindingType, Scope, Severity
+from recognition.model.finding_types import FINDING_TYPES, Decision, FindingCode, FindingType, Scope, Severity
 from recognition.model.findings import SEVERITIES, Finding, finding, most_serious_first
 
 FULL = finding(
@@ -25,10 +25,11 @@ FULL = finding(
 """A finding with all members. Zeros, because a zero is not an absent member."""
 
 
-def test_the_table_has_every_code_with_a_known_severity_and_scope() -> None:
+def test_the_table_has_every_code_with_a_known_severity_scope_and_decision() -> None:
     assert set(FINDING_TYPES) == set(get_args(FindingCode))
     assert set(SEVERITIES) == set(get_args(Severity)) == {found.severity for found in FINDING_TYPES.values()}
     assert {found.scope for found in FINDING_TYPES.values()} <= set(get_args(Scope))
+    assert {found.decision for found in FINDING_TYPES.values()} == set(get_args(Decision))
 
 
 @pytest.mark.parametrize(("code", "found"), FINDING_TYPES.items())
@@ -37,6 +38,7 @@ def test_each_code_says_what_was_found_and_what_to_do(code: str, found: FindingT
     assert found.meaning.endswith(".")
     assert found.action.endswith(".")
     assert (found.scope == "nothing") == (found.severity == "note"), "only notes block nothing"
+    assert (found.decision == "nothing") == (found.severity == "note"), "only notes need no decision"
     assert found.value is None or found.value.strip()
 
 
