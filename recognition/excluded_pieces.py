@@ -20,10 +20,11 @@ def excluded_piece(code: FindingCode, points: NDArray[np.float64], length_m: flo
         code: Code of the finding.
         points: (N, 3) points of the piece, metres, base frame.
         length_m: Length of the piece, metres.
-        reason: Why the piece was excluded.
+        reason: Why the piece was excluded, and what to do if it may be a string.
     """
     centre = points.mean(axis=0)
-    message = f"excluded a piece of {length_m * 1000:.0f} mm at {format_position(centre)}: {reason}"
+    possible = ", although it may be a string" if code == "possible-string" else ""
+    message = f"excluded a piece of {length_m * 1000:.0f} mm at {format_position(centre)}{possible}: {reason}"
     return finding(code, message, point=centre, value=length_m)
 
 

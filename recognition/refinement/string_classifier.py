@@ -1,6 +1,6 @@
 """Classification of fitted strands: separates strings from edges of objects, folds and noise."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +70,12 @@ MAX_BESIDE_SHARE = 0.5
 An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
 with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
 """
+ADVICE: Mapping[FindingCode, str] = {
+    "piece-hardly-seen": "scan again from more views",
+    "piece-not-round": "check the radius",
+    "piece-in-table": "check the radius and the table height",
+}
+"""What a person can do about an excluded strand that may be a string, by the reason for which it was excluded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +121,9 @@ def classify_strings(
         if length < MIN_LENGTH_RADII * parameters.r:
             code, reason = "piece-too-short", "too short to be distinguished from noise"
         elif not is_supported:
-            code, reason = "piece-hardly-seen", "hardly seen"
+            code, reason = "piece-hardly-seen", "hardly any surface supports it"
         elif not is_round:
-            code, reason = "piece-not-round", "not round like a string"
+            code, reason = "piece-not-round", "its surface is not round enough"
         elif _is_in_table(strand, table_z_m):
             code, reason = "piece-in-table", "its tube would reach into the table"
         else:
@@ -137,8 +143,7 @@ def classify_strings(
                 is_tube = on_tube_shares[k] >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
                 may_be_string = is_tube and _lies_alone(strand, kept_strands, surface, parameters.r)
         if may_be_string:
-            message = f"{reason}, but it may be a string: check the radius"
-            possible.append(excluded_piece("possible-string", strand.points, length, message))
+            possible.append(excluded_piece("possible-string", strand.points, length, f"{reason}; {ADVICE[code]}"))
         else:
             pieces.append(excluded_piece(code, strand.points, length, reason))
     strings = sorted(map(_orient, kept_strands), key=lambda string: order_key(string.points, string.closed))
