@@ -71,7 +71,11 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
     if not complete:
         raise RecordingEmptyError(f"{path.name} has no complete view: {_why_none(contents)}")
     if contents.cut:
-        missing.append(f"{contents.cut}; anything after view {complete[-1].index}, the last complete one, is lost")
+        count = "1 complete view" if len(complete) == 1 else f"{len(complete)} complete views"
+        missing.append(
+            f"the recording is cut off: it has {count}, and anything after view {complete[-1].index} is lost; "
+            f"copy the file again, or scan again ({contents.cut})"
+        )
     return Recording(header, tuple(complete), tuple(missing))
 
 
@@ -158,7 +162,9 @@ def _why_none(contents: Contents) -> str:
         by_reason.setdefault(_lacking(contents.views[index]), []).append(str(index))
     reasons = [f"view {', '.join(indices)} {reason}" for reason, indices in by_reason.items()]
     reasons = reasons or ["it has no message of any view"]
-    return "; ".join([*reasons, contents.cut] if contents.cut else reasons)
+    if contents.cut:
+        reasons.append(f"the recording is cut off, copy the file again, or scan again ({contents.cut})")
+    return "; ".join(reasons)
 
 
 def _refuse_constant(name: str) -> NoReturn:

@@ -319,7 +319,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         severity="note",
         scope="nothing",
         meaning="The recording lacks something, for example because it was cut off.",
-        action="Nothing, if the complete views suffice. Otherwise scan again.",
+        action="Nothing, if the complete views suffice. Otherwise copy the file again, or scan again.",
         decision="nothing",
     ),
     "view-without-depth": FindingType(

@@ -60,7 +60,7 @@ class RecordingLine:
     reason: str | None = None
     """Reason why there is no model. None: there is one."""
     notes: tuple[str, ...] = ()
-    """Messages about the verdict, the doubts, and the views that the model does not use."""
+    """Messages about the verdict, the doubts, the views that the model does not use, and what the recording lacks."""
 
 
 def recognise_file(
@@ -108,12 +108,14 @@ def recognise_file(
 
 
 def _notes(model: PointChainModel) -> tuple[str, ...]:
-    """Return what people should know: the verdict if it is not `accept`, each doubt, and each excluded view."""
+    """Return what people should know: a verdict other than `accept`, the doubts, excluded views, and missing parts."""
     quality = model.quality
     verdict = () if quality.verdict == "accept" else (f"verdict: {quality.verdict}",)
     doubts = (f"{found.severity}: {found.message} [{found.code}]" for found in quality.doubts)
-    views = (found.message for found in quality.findings if found.view is not None and found.severity == "note")
-    return (*verdict, *doubts, *views)
+    notes = [found for found in quality.findings if found.severity == "note"]
+    views = (found.message for found in notes if found.view is not None)
+    missing = (found.message for found in notes if found.code == "recording-incomplete")
+    return (*verdict, *doubts, *views, *missing)
 
 
 def failed_line(file: str, request: RecognitionRequest, slug: str, reason: str, sha256: str | None) -> RecordingLine:

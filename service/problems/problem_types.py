@@ -341,7 +341,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="The recording has no complete view",
         status=422,
         cause="The recording has no complete view.",
-        action="Use another recording; the scan that made this one ended before its first view.",
+        action="Copy the file again if it is cut off. Otherwise use another recording: the scan ended before its first "
+        "view.",
         group="Use another recording",
     ),
     "recording-header": ProblemType(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from calibration.atomic_write import replace_synced, write_synced
 from cell.devices import View
 from cell.recording import RecordingHeader, read_recording
+from recognition.errors import InsufficientViewsError
 from recognition.grasping.gripper import Gripper
 from recognition.model.document import finding_json
 from recognition.model.findings import Finding, finding, most_serious_first
@@ -192,14 +193,19 @@ def recognise_views(
         source: Scan and hash of the recording, for the provenance of the model.
 
     Raises:
-        RecognitionError: The radius or the views cannot be used.
+        RecognitionError: The radius or the views cannot be used. If too few views can be used, the message also says
+            what is missing from the recording.
     """
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
     stamps: list[float] = []
-    recognition = recognise(
-        _noting_stamps(views, stamps), parameters, scene, method, on_stage, gripper, settings, all_grasps
-    )
+    try:
+        recognition = recognise(
+            _noting_stamps(views, stamps), parameters, scene, method, on_stage, gripper, settings, all_grasps
+        )
+    except InsufficientViewsError as error:
+        incomplete = [found.message for found in missing if found.code == "recording-incomplete"]
+        raise InsufficientViewsError("; ".join([str(error), *incomplete])) from error
     model = recognition.model
     quality = replace(model.quality, findings=most_serious_first((*missing, *model.quality.findings)))
     provenance = _provenance(header, max(stamps), source or Source())

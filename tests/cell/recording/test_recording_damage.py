@@ -100,7 +100,7 @@ def test_a_killed_process_keeps_every_view_it_acknowledged(tmp_path: Path) -> No
     assert len(recording.views) >= acknowledged
     for view in recording.views:
         np.testing.assert_array_equal(view.depth, make_view(view.index).depth)
-    assert f"anything after view {len(recording.views) - 1}, the last complete one, is lost" in recording.missing[-1]
+    assert f"anything after view {len(recording.views) - 1} is lost" in recording.missing[-1]
 
 
 def test_an_interrupted_scan_is_reported(tmp_path: Path) -> None:
@@ -116,7 +116,8 @@ def test_an_interrupted_scan_is_reported(tmp_path: Path) -> None:
     assert [view.index for view in recording.views] == [0, 2]
     assert recording.missing == (
         "view 1 is not in the file",
-        "the file has no end record; anything after view 2, the last complete one, is lost",
+        "the recording is cut off: it has 2 complete views, and anything after view 2 is lost; copy the file again, "
+        "or scan again (the file has no end record)",
     )
 
 
@@ -155,7 +156,7 @@ def test_a_full_disk_at_the_end_keeps_all_views(tmp_path: Path) -> None:
     writer.close()
     recording = read_recording(path)
     assert [view.index for view in recording.views] == [0]
-    assert "anything after view 0, the last complete one, is lost" in recording.missing[0]
+    assert "anything after view 0 is lost" in recording.missing[0]
 
 
 def test_a_recording_that_cannot_be_started_leaves_no_file(tmp_path: Path) -> None:
@@ -181,7 +182,7 @@ def test_a_file_cut_anywhere_keeps_its_complete_views(written: bytes, tmp_path: 
         for view in recording.views:
             assert_right(view)
         if complete < len(ends):
-            assert f"anything after view {complete - 1}, the last complete one, is lost" in recording.missing[0]
+            assert f"anything after view {complete - 1} is lost" in recording.missing[0]
 
 
 def test_a_truncated_or_zero_filled_end_keeps_the_earlier_views(written: bytes, tmp_path: Path) -> None:
@@ -194,7 +195,7 @@ def test_a_truncated_or_zero_filled_end_keeps_the_earlier_views(written: bytes, 
         path.write_bytes(data)
         recording = read_recording(path)
         assert [view.index for view in recording.views] == [0, 1, 2, 3]
-        assert "anything after view 3, the last complete one, is lost" in recording.missing[0]
+        assert "anything after view 3 is lost" in recording.missing[0]
 
 
 @pytest.mark.parametrize("finished", [True, False])

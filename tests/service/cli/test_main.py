@@ -213,6 +213,33 @@ def test_a_truncated_recording_gives_a_model_or_an_error(
     assert 10 < len(failed) < 40
 
 
+@pytest.mark.parametrize(
+    ("share", "code", "expected"),
+    [
+        (0.05, 1, "has no complete view: it has no message of any view; the recording is cut off, copy the file again"),
+        (
+            0.35,
+            1,
+            "1 view given; at least 2 are needed; the recording is cut off: it has 1 complete view, and anything",
+        ),
+        (
+            0.75,
+            0,
+            "the recording is cut off: it has 2 complete views, and anything after view 1 is lost; copy the file",
+        ),
+    ],
+)
+def test_a_truncated_recording_is_reported_with_what_is_left(
+    capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path, share: float, code: int, expected: str
+) -> None:
+    whole, cut = recording_file.read_bytes(), tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: int(len(whole) * share)])
+    exit_code, (document,), stderr = run(capsys, "recognise", cut)
+    assert exit_code == code
+    assert expected in stderr
+    assert expected in json.dumps(document)
+
+
 def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
     code, _, _ = run(capsys, "recognise", recording_file, "--trace", tmp_path)
     assert code == 0
