@@ -10,7 +10,7 @@ from calibration.hand_eye import solve_hand_eye
 from cell.devices import View
 from cell.recording import RecordingWriter
 from recognition.pipeline import recognise
-from service.client import Client
+from pointchain_client import Client
 
 
 @pytest.mark.parametrize("thing", [recognise, Client, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__)

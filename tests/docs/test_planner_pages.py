@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-import service.client
+import pointchain_client
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel
 from service.security.auth.roles import MIN_ROLE
@@ -79,5 +79,5 @@ def name_of(call: str) -> str:
 
 def test_each_exception_of_the_client_is_in_the_table() -> None:
     table = (PLANNER / "python-client.md").read_text().split("## Exceptions")[1]
-    errors = {name for name in service.client.__all__ if name.endswith("Error")}
+    errors = {name for name in pointchain_client.__all__ if name.endswith("Error")}
     assert errors - set(re.findall(r"`(\w+)`", table)) == set()

@@ -6,7 +6,7 @@ from typing import Any
 
 import httpx2
 
-from service.client import Client
+from pointchain_client import Client
 from service.problems.document import MEDIA_TYPE, problem_document
 
 Answer = Callable[[httpx2.Request], httpx2.Response]

@@ -12,7 +12,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from service.client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
+from pointchain_client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.schema_1 import store_as_schema_1
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from recognition.model.model import PointChainModel
-from service.client import Client, ScanFailedError, ScanProgress
+from pointchain_client import Client, ScanFailedError, ScanProgress
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.live_cell import LiveCell, live_cell
 

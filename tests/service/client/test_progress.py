@@ -6,9 +6,9 @@ from typing import Any
 import httpx2
 import pytest
 
-from service.client import ProblemError, ScanProgress, UnreachableError, retry
-from service.client.progress import follow
-from service.client.retry import RetryPolicy
+from pointchain_client import ProblemError, ScanProgress, UnreachableError, retry
+from pointchain_client.progress import follow
+from pointchain_client.retry import RetryPolicy
 from tests.service.client.answers import (
     SCAN,
     SERVICE,

@@ -9,7 +9,7 @@ import pytest
 
 from service.api.schemas.scan_resource import scan_resource
 from service.api.schemas.scans import ScanResource
-from service.client import (
+from pointchain_client import (
     NotEndedError,
     ProblemError,
     ScanFailedError,

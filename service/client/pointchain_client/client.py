@@ -17,7 +17,7 @@ import httpx2
 
 from recognition.model.model import Method, PointChainModel
 from service.api.schemas.scans import RecordingResource, ScanResource
-from service.client.errors import (
+from pointchain_client.errors import (
     NOT_SENT_ERRORS,
     GatewayError,
     ProblemError,
@@ -26,8 +26,8 @@ from service.client.errors import (
     UnreachableError,
     require_success,
 )
-from service.client.progress import ScanProgress, follow, get_json
-from service.client.retry import CONNECT_TIMEOUT_S, RETRY_INTERVAL_S, RetryPolicy
+from pointchain_client.progress import ScanProgress, follow, get_json
+from pointchain_client.retry import CONNECT_TIMEOUT_S, RETRY_INTERVAL_S, RetryPolicy
 from service.states import ID_PATTERN, RESULT_STATES
 
 ANSWER_TIMEOUT_S = 60.0
@@ -47,7 +47,7 @@ class Client:
     Example:
         A scan, its model, and a grasp. `scan` moves the arm.
 
-        >>> from service.client import Client
+        >>> from pointchain_client import Client
         >>> def plan(cell: Client) -> None:
         ...     scan = cell.scan(string_radius_m=0.0042, on_progress=print)
         ...     model = cell.model(scan)

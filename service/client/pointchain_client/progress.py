@@ -7,8 +7,8 @@ from typing import Any
 
 import httpx2
 
-from service.client.errors import ProblemError, require_success
-from service.client.retry import RETRYABLE_ERRORS, RetryPolicy
+from pointchain_client.errors import ProblemError, require_success
+from pointchain_client.retry import RETRYABLE_ERRORS, RetryPolicy
 from service.states import ACTIVE_STATES, ScanState
 
 

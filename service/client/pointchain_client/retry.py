@@ -4,7 +4,7 @@ import time
 
 import httpx2
 
-from service.client.errors import GatewayError, NotEndedError, ProblemError, UnreachableError
+from pointchain_client.errors import GatewayError, NotEndedError, ProblemError, UnreachableError
 
 CONNECT_TIMEOUT_S = 5.0
 """Timeout of connecting to the service."""

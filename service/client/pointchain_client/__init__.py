@@ -1,7 +1,7 @@
-"""Client of the service, for programs that plan with its models. Import it with `from service.client import Client`."""
+"""Client of the service, for programs that plan with its models. Import it with `from pointchain_client import Client`."""
 
-from service.client.client import Client
-from service.client.errors import (
+from pointchain_client.client import Client
+from pointchain_client.errors import (
     ClientError,
     NotEndedError,
     ProblemError,
@@ -9,7 +9,7 @@ from service.client.errors import (
     UnansweredError,
     UnreachableError,
 )
-from service.client.progress import ScanProgress
+from pointchain_client.progress import ScanProgress
 
 __all__ = [
     "Client",
