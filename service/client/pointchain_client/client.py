@@ -5,38 +5,25 @@ with which `start` finds the scan, or starts it if it was not started.
 """
 
 import os
-import re
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
-from uuid import uuid4
+from typing import Any, Self, TypeVar
 
 import httpx2
 
-from recognition.model.model import Method, PointChainModel
-from service.api.schemas.scans import RecordingResource, ScanResource
-from pointchain_client.errors import (
-    NOT_SENT_ERRORS,
-    GatewayError,
-    ProblemError,
-    ScanFailedError,
-    UnansweredError,
-    UnreachableError,
-    require_success,
-)
-from pointchain_client.progress import ScanProgress, follow, get_json
-from pointchain_client.retry import CONNECT_TIMEOUT_S, RETRY_INTERVAL_S, RetryPolicy
-from service.states import ID_PATTERN, RESULT_STATES
+from pointchain_client import flows
+from pointchain_client.documents.cell import Cell
+from pointchain_client.documents.model import Changes, Model
+from pointchain_client.documents.scans import Recording, Scan
+from pointchain_client.flows import Method, ScanRef
+from pointchain_client.progress import ScanProgress
+from pointchain_client.retry import CONNECT_TIMEOUT_S
+from pointchain_client.steps import CloseEvents, Flow, NextEvent, OpenEvents, Pause, Request, RunningFlow
 
-ANSWER_TIMEOUT_S = 60.0
-"""Timeout of an answer. Accepting a live scan takes seconds, because arm and camera are connected first."""
-FINAL_STATE_TIMEOUT_S = 10.0
-"""Time limit for reading why a scan has no model. A restart of the service takes some seconds."""
-STOP_TIMEOUT_S = 2.0
-"""Timeout of one attempt to stop."""
-MAX_STOP_ATTEMPTS = 3
+T = TypeVar("T")
 
 
 class Client:
@@ -65,11 +52,12 @@ class Client:
             address: Address of the service.
             token: Token from `pointchain token add`. None: the service needs no token.
         """
-        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
-        timeout = httpx2.Timeout(ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
+        headers = flows.token_headers(token)
+        timeout = httpx2.Timeout(flows.ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
+        self._service = address
         self._http = httpx2.Client(base_url=address, headers=headers, timeout=timeout)
         # separate, so that a running request never holds the connection that a stop needs
-        self._stopping = httpx2.Client(base_url=address, headers=headers, timeout=STOP_TIMEOUT_S)
+        self._stopping = httpx2.Client(base_url=address, headers=headers, timeout=flows.STOP_TIMEOUT_S)
 
     def close(self) -> None:
         """Close the connections. A running scan continues."""
@@ -92,9 +80,9 @@ class Client:
         method: Method = "graph",
         views: int | None = None,
         all_grasps: bool = False,
-        on_progress: Callable[[ScanProgress], None] | None = None,
+        on_progress: Callable[[ScanProgress], object] | None = None,
         timeout_s: float | None = None,
-    ) -> ScanResource:
+    ) -> Scan:
         """Run a live scan and return it when it has a model. The arm moves, and may still be on its way home.
 
         Leaving early, by Ctrl-C or `timeout_s`, does not stop the arm: call `stop`.
@@ -117,14 +105,8 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        request = {
-            "mode": "live",
-            "string_radius_m": string_radius_m,
-            "method": method,
-            "views": views,
-            "all_grasps": all_grasps,
-        }
-        return self.wait(self.start(request), on_progress, timeout_s)
+        body = flows.live_request(string_radius_m, method, views, all_grasps)
+        return self._run(flows.start_and_wait(self._service, body, timeout_s), on_progress)
 
     def replay(
         self,
@@ -132,9 +114,9 @@ class Client:
         string_radius_m: float | None = None,
         method: Method = "graph",
         all_grasps: bool = False,
-        on_progress: Callable[[ScanProgress], None] | None = None,
+        on_progress: Callable[[ScanProgress], object] | None = None,
         timeout_s: float | None = None,
-    ) -> ScanResource:
+    ) -> Scan:
         """Recognise a recording and return the scan when it has a model. Nothing moves.
 
         Args:
@@ -158,18 +140,10 @@ class Client:
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
         recording_id = self.upload(recording).id if isinstance(recording, os.PathLike) else recording
-        if not re.fullmatch(ID_PATTERN, recording_id):
-            raise ValueError(f"{recording_id!r} is not the id of a recording; pass a file as Path({recording_id!r})")
-        request = {
-            "mode": "replay",
-            "recording": recording_id,
-            "string_radius_m": string_radius_m,
-            "method": method,
-            "all_grasps": all_grasps,
-        }
-        return self.wait(self.start(request), on_progress, timeout_s)
+        body = flows.replay_request(recording_id, string_radius_m, method, all_grasps)
+        return self._run(flows.start_and_wait(self._service, body, timeout_s), on_progress)
 
-    def start(self, request: Mapping[str, Any], key: str | None = None) -> ScanResource:
+    def start(self, request: Mapping[str, Any], key: str | None = None) -> Scan:
         """Start a scan and return it without waiting for its end.
 
         Args:
@@ -185,32 +159,14 @@ class Client:
             UnansweredError: The scan may have been started. The error has the request and the key.
             UnreachableError: The service cannot be reached. This request has started nothing.
         """
-        key = key or uuid4().hex
-        end = time.monotonic() + ANSWER_TIMEOUT_S
-        pending = False
-        while True:
-            try:
-                answer = self._http.post("/api/scans", json=dict(request), headers={"Idempotency-Key": key})
-                return ScanResource.model_validate(require_success(answer).json())
-            except (httpx2.TransportError, GatewayError) as error:
-                if pending or not isinstance(error, NOT_SENT_ERRORS):
-                    raise UnansweredError(request, key, error) from error
-                text = f"{self._http.base_url} cannot be reached ({error}): nothing was started; try again later"
-                raise UnreachableError(text) from error
-            except ProblemError as error:
-                pending = error.slug == "idempotency-pending"
-                if not pending:
-                    raise
-                if time.monotonic() > end:
-                    raise UnansweredError(request, key, error) from error
-                time.sleep(error.retry_after_s or RETRY_INTERVAL_S)
+        return self._run(flows.start(self._service, request, key))
 
     def wait(
         self,
-        scan: ScanResource | str,
-        on_progress: Callable[[ScanProgress], None] | None = None,
+        scan: Scan | str,
+        on_progress: Callable[[ScanProgress], object] | None = None,
         timeout_s: float | None = None,
-    ) -> ScanResource:
+    ) -> Scan:
         """Wait until a scan has a model, and return it.
 
         Args:
@@ -224,30 +180,9 @@ class Client:
             UnreachableError: The service cannot be reached.
             NotEndedError: The scan has not ended within the time limit. It continues.
         """
-        address = _address(scan) if isinstance(scan, str) else scan.links.self
-        retry = RetryPolicy(self._http, address, None if timeout_s is None else time.monotonic() + timeout_s)
-        if isinstance(scan, str):
-            scan = ScanResource.model_validate(get_json(self._http, address, retry))
-        state = scan.state
-        for progress in follow(self._http, address, retry):
-            state = progress.state
-            if on_progress is not None:
-                on_progress(progress)
-                retry.record_contact()  # the callback may have taken long
-        # a stopping service reports the final state and then disappears, perhaps for good
-        failed = state not in RESULT_STATES
-        retry.max_outage_s = FINAL_STATE_TIMEOUT_S if failed else retry.max_outage_s
-        try:
-            ended = ScanResource.model_validate(get_json(self._http, address, retry))
-        except UnreachableError as error:
-            if failed:
-                raise ScanFailedError(scan.model_copy(update={"state": state})) from error
-            raise
-        if ended.state not in RESULT_STATES:
-            raise ScanFailedError(ended)
-        return ended
+        return self._run(flows.wait(self._service, scan, timeout_s), on_progress)
 
-    def get(self, scan_id: str) -> ScanResource:
+    def get(self, scan_id: str) -> Scan:
         """Return a scan in its present state.
 
         Args:
@@ -258,9 +193,9 @@ class Client:
             ProblemError: There is no such scan.
             UnreachableError: The service cannot be reached.
         """
-        return ScanResource.model_validate(self._get(_address(scan_id)).json())
+        return self._run(flows.get_scan(self._service, scan_id))
 
-    def scans(self, **filters: Any) -> Iterator[ScanResource]:
+    def scans(self, **filters: Any) -> Iterator[Scan]:
         """Yield the scans, the newest first. Further pages are read when they are needed.
 
         Args:
@@ -270,20 +205,21 @@ class Client:
             ProblemError: A filter is not valid.
             UnreachableError: The service cannot be reached.
         """
-        page = self._get("/api/scans", filters).json()
-        while True:
-            yield from map(ScanResource.model_validate, page["scans"])
-            if page["next"] is None:
-                return
-            page = self._get(page["next"]).json()
+        page = self._run(flows.scan_page(self._service, flows.SCANS, filters))
+        yield from page.scans
+        while page.next is not None:
+            page = self._run(flows.scan_page(self._service, page.next, {}))
+            yield from page.scans
 
-    def model(self, scan: ScanResource | str) -> PointChainModel:
+    def model(self, scan: Scan | str, since: ScanRef | None = None) -> Model:
         """Return the model of a scan as arrays.
 
         A scan of an earlier release may have a model of schema `pointchain/1`. Each of its messages becomes a doubt.
 
         Args:
             scan: The scan, or its id.
+            since: An earlier scan of the same table, its model, or its id. `model.since` then has the changes since
+                that scan. None: `model.since` is None.
 
         Raises:
             ScanFailedError: The scan has no model.
@@ -291,12 +227,26 @@ class Client:
             ProblemError: The service refused the request.
             UnreachableError: The service cannot be reached.
         """
-        scan = self.get(scan) if isinstance(scan, str) else scan
-        if scan.links.model is None:
-            raise ScanFailedError(scan)
-        return PointChainModel.from_json(self._get(scan.links.model).json())
+        return self._run(flows.model(self._service, scan, since))
 
-    def upload(self, recording: str | os.PathLike[str]) -> RecordingResource:
+    def changes(self, scan: ScanRef, since: ScanRef) -> Changes:
+        """Return which chain of an earlier scan is which chain of this one, and what is new or gone.
+
+        The service compares the models.
+
+        Args:
+            scan: The scan, its model, or its id.
+            since: The earlier scan of the same table, its model, or its id.
+
+        Raises:
+            ValueError: A model does not say from which scan it is.
+            ScanFailedError: The scan has no model.
+            ProblemError: The earlier scan has no model, or there is no such scan.
+            UnreachableError: The service cannot be reached.
+        """
+        return self._run(flows.changes(self._service, scan, since))
+
+    def upload(self, recording: str | os.PathLike[str]) -> Recording:
         """Upload a recording under the name of its file.
 
         Args:
@@ -307,27 +257,23 @@ class Client:
             UnreachableError: The service cannot be reached, or did not take the file.
             OSError: The file cannot be read.
         """
-        recording = Path(recording)
-        name = os.fsencode(recording.name).decode(errors="replace")  # a file name may be undecodable
-        with recording.open("rb") as file:
-            try:
-                answer = self._http.post("/api/recordings", params={"name": name}, content=file)
-            except httpx2.TransportError as error:
-                raise UnreachableError(
-                    f"{self._http.base_url} did not accept the recording ({error}): upload it again"
-                ) from error
-        return RecordingResource.model_validate(require_success(answer).json())
+        with Path(recording).open("rb") as file:
+            return self._run(flows.upload(self._service, file, recording))
 
     # The cell
 
-    def cell(self) -> Mapping[str, Any]:
-        """Return the cell as in `GET /api/cell`: `state`, `problem`, `reason`, robot, camera and calibration."""
-        return self._get("/api/cell").json()
+    def cell(self) -> Cell:
+        """Return the last known state of the cell: `state`, `problem`, `reason`, robot, camera and calibration.
+
+        Raises:
+            UnreachableError: The service cannot be reached.
+        """
+        return self._run(flows.get_cell(self._service))
 
     def stop(self) -> None:
         """Stop the arm at once. A running scan is aborted. This is not an emergency stop.
 
-        Without an answer, the stop is sent again at once: a second stop does no harm.
+        Without a confirmation, the stop is sent again at once: a second stop does no harm.
 
         Raises:
             UnreachableError: The service cannot be reached: use the robot's own stop. Or the stop was sent and not
@@ -335,26 +281,9 @@ class Client:
             ProblemError: The service refused the stop, for example for a wrong token. Nothing was stopped: use the
                 robot's own stop.
         """
-        lost: list[Exception] = []
-        for _ in range(MAX_STOP_ATTEMPTS):
-            try:
-                require_success(self._stopping.post("/api/cell/stop"))
-                return
-            except (httpx2.TransportError, GatewayError) as error:
-                lost.append(error)
-        sent = [error for error in lost if not isinstance(error, NOT_SENT_ERRORS)]
-        if sent:
-            raise UnreachableError(
-                f"the stop was sent and not confirmed ({sent[-1]}): check whether the arm moves, and use the robot's "
-                "own stop if it does"
-            ) from sent[-1]
-        text = (
-            f"the stop was not sent, because {self._stopping.base_url} cannot be reached ({lost[-1]}): use the robot's "
-            "own stop"
-        )
-        raise UnreachableError(text) from lost[-1]
+        self._run(flows.stop(self._service))
 
-    def cancel(self, scan: ScanResource) -> ScanResource:
+    def cancel(self, scan: Scan) -> Scan:
         """Stop one scan, the arm first, and return the scan when it has ended.
 
         Args:
@@ -364,16 +293,16 @@ class Client:
             ProblemError: `not-cancellable`: The scan has ended already.
             UnreachableError: The service did not answer.
         """
-        return ScanResource.model_validate(self._post(f"{scan.links.self}/cancel").json())
+        return self._run(flows.cancel(self._service, scan))
 
-    def connect(self) -> Mapping[str, Any]:
+    def connect(self) -> Cell:
         """Connect arm and camera, and return the cell. Nothing moves.
 
         Raises:
             ProblemError: A device cannot be connected. The error has the reason.
             UnreachableError: The service did not answer.
         """
-        return self._post("/api/cell/connect").json()
+        return self._run(flows.connect(self._service))
 
     def release(self) -> None:
         """Wait until the arm is home and release it, so that another program can move it.
@@ -384,7 +313,7 @@ class Client:
             ProblemError: `stopped`: The arm was stopped during the call. It is not home, and must not be moved.
             UnreachableError: The service did not answer.
         """
-        self._post("/api/cell/release")
+        self._run(flows.release(self._service))
 
     def acknowledge(self) -> None:
         """Acknowledge a fault. Call this only after a person has inspected the cell and says so.
@@ -393,31 +322,59 @@ class Client:
             ProblemError: The fault cannot be acknowledged yet, or there is none.
             UnreachableError: The service did not answer.
         """
-        self._post("/api/cell/acknowledge")
+        self._run(flows.acknowledge(self._service))
 
-    def _post(self, address: str) -> httpx2.Response:
-        try:
-            return require_success(self._http.post(address))
-        except httpx2.TransportError as error:
-            raise UnreachableError(
-                f"{self._http.base_url} did not answer POST {address} ({error}): check the cell, then try again"
-            ) from error
-
-    def _get(self, address: str, parameters: Mapping[str, Any] | None = None) -> httpx2.Response:
-        """Read a resource. A second attempt covers a connection that the service has just closed."""
-        for left in (1, 0):
-            try:
-                return require_success(self._http.get(address, params=parameters))
-            except httpx2.TransportError as error:
-                if not left:
-                    raise UnreachableError(
-                        f"{self._http.base_url} does not answer ({error}): try again later"
-                    ) from error
-                time.sleep(RETRY_INTERVAL_S)
-        raise AssertionError
+    def _run(self, flow: Flow[T], on_progress: Callable[[ScanProgress], object] | None = None) -> T:
+        """Carry out the steps of a flow and return its result."""
+        with _Connection(self._http, self._stopping) as connection:
+            running = RunningFlow(flow)
+            while (step := running.step) is not None:
+                # outside `try`: an error of the callback belongs to the caller
+                if isinstance(step, ScanProgress):
+                    if on_progress is not None:
+                        on_progress(step)
+                    running.resume(None)
+                    continue
+                try:
+                    result = connection.carry_out(step)
+                except httpx2.RequestError as error:
+                    running.fail(error)
+                else:
+                    running.resume(result)
+            return running.result
 
 
-def _address(scan_id: str) -> str:
-    if not re.fullmatch(ID_PATTERN, scan_id):
-        raise ValueError(f"{scan_id!r} is not the id of a scan")
-    return f"/api/scans/{scan_id}"
+class _Connection:
+    """Carries out the steps of one flow, which has at most one open stream of events."""
+
+    def __init__(self, http: httpx2.Client, stopping: httpx2.Client) -> None:
+        self._http, self._stopping = http, stopping
+        self._stream = ExitStack()
+        self._events: Iterator[httpx2.ServerSentEvent] = iter(())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    def carry_out(self, step: Request | OpenEvents | NextEvent | CloseEvents | Pause) -> Any:
+        """Carry out a step and return its result."""
+        match step:
+            case Request():
+                http = self._stopping if step.is_stop else self._http
+                return http.request(**flows.request_arguments(step), content=step.upload)
+            case OpenEvents():
+                source = self._stream.enter_context(
+                    self._http.sse(step.path, headers=step.headers, timeout=step.timeout)
+                )
+                if not source.response.is_success:
+                    source.response.read()
+                self._events = iter(source)
+                return source.response
+            case NextEvent():
+                return next(self._events, None)
+            case CloseEvents():
+                return self._stream.close()
+            case Pause():
+                return time.sleep(step.seconds)

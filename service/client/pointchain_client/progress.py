@@ -1,15 +1,15 @@
-"""Progress of a scan, for a program that waits for its end."""
+"""Progress of a scan, reduced from its resource and its events."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import httpx2
 
-from pointchain_client.errors import ProblemError, require_success
-from pointchain_client.retry import RETRYABLE_ERRORS, RetryPolicy
-from service.states import ACTIVE_STATES, ScanState
+from pointchain_client.answers import decoded
+from pointchain_client.documents.scans import FINAL_STATES, Progress, ScanState
+from pointchain_client.errors import AnswerError
 
 
 @dataclass(frozen=True)
@@ -26,110 +26,108 @@ class ScanProgress:
     """`moving`, `recorded` or `missing`, by the number of the viewpoint."""
     reasons: Mapping[int, str] = field(default_factory=dict)
     """Why views are missing, by the number of the viewpoint."""
+    ended: bool = False
+    """Whether the state is final."""
 
-    @property
-    def ended(self) -> bool:
-        """Whether the state is final."""
-        return self.state not in ACTIVE_STATES
+    def after(self, kind: str, data: Mapping[str, Any]) -> "ScanProgress":
+        """Return the progress after an event of the scan. An event of an unknown kind changes nothing.
 
-    def after(self, event: Mapping[str, Any]) -> "ScanProgress":
-        """Return the progress after an event of the scan. An event of an unknown kind changes nothing."""
-        data = event.get("data", {})
-        match event.get("kind"):
+        Args:
+            kind: Kind of the event.
+            data: Values of the event.
+
+        Raises:
+            AnswerError: A value is missing or has another type.
+        """
+        match kind:
             case "state" | "progress":
-                known = {name: data[name] for name in ("state", "stage", "fraction") if name in data}
-                return replace(self, **known)
+                known = decoded(_Change, {**vars(self), "final": None, **data}, "an event of the scan")
+                ended = self.ended if "state" not in data else _is_final(known.state, known.final)
+                return replace(self, state=known.state, stage=known.stage, fraction=known.fraction, ended=ended)
             case "view":
-                views = {**self.views, data["index"]: data["state"]}
-                reasons = {**self.reasons, data["index"]: data["reason"]} if data["reason"] else self.reasons
+                view = decoded(_View, data, "an event of the scan")
+                views = {**self.views, view.index: view.state}
+                reasons = {**self.reasons, view.index: view.reason} if view.reason else self.reasons
                 return replace(self, views=views, reasons=reasons)
         return self
 
 
-def progress_of(scan: Mapping[str, Any]) -> ScanProgress:
-    """Return the progress in a scan resource."""
-    progress = scan["progress"]
-    views = {view["index"]: view["state"] for view in progress["views"]}
-    reasons = {view["index"]: view["reason"] for view in progress["views"] if view["reason"]}
-    return ScanProgress(scan["state"], progress["stage"], progress["fraction"], views, reasons)
+@dataclass(frozen=True)
+class _Change:
+    """Values of an event about the state or the progress, completed with those before it."""
+
+    state: str
+    stage: str | None
+    fraction: float
+    final: bool | None
 
 
-def follow(http: httpx2.Client, address: str, retry: RetryPolicy) -> Iterator[ScanProgress]:
-    """Yield each change of a scan until it has ended, across any number of lost connections.
+@dataclass(frozen=True)
+class _View:
+    """Values of an event about a view."""
 
-    If the service allows no more event streams, the scan is polled.
+    index: int
+    state: str
+    reason: str | None
+
+
+@dataclass(frozen=True)
+class _Snapshot:
+    """The members of a scan resource that its progress needs."""
+
+    state: str
+    progress: Progress
+    final: bool | None = None
+
+
+@dataclass(frozen=True)
+class _Event:
+    """Content of an event other than a scan resource."""
+
+    kind: str = ""
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+def progress_of(scan: Any) -> ScanProgress:
+    """Return the progress in a scan resource.
 
     Args:
-        http: The HTTP client.
-        address: Path of the scan.
-        retry: The time limits and the pauses between attempts.
+        scan: JSON document of the scan.
 
     Raises:
-        ProblemError: There is no such scan, or the caller may not read it.
-        UnreachableError: The service has not answered for a minute.
-        NotEndedError: The deadline has passed.
+        AnswerError: A member is missing or has another type.
     """
-    last: str | None = None
-    progress: ScanProgress | None = None
-    while True:
-        lost: Exception | None = None
-        try:
-            for event in _events(http, address, last, retry):
-                last = event.id or last
-                present = _progress_after(progress, event)
-                if present is not None and present != progress:
-                    yield present
-                    if present.ended:
-                        return
-                    progress = present
-                retry.raise_if_expired()
-        except RETRYABLE_ERRORS as error:
-            lost = error
-        if isinstance(lost, ProblemError) and lost.slug == "too-many-streams":
-            lost = None
-            present = progress_of(get_json(http, address, retry))
-            if present != progress:
-                yield present
-            if present.ended:
-                return
-            progress = present
-        retry.wait_or_raise(lost)
+    found = decoded(_Snapshot, scan, "the service")
+    views = {view.index: view.state for view in found.progress.views}
+    reasons = {view.index: view.reason for view in found.progress.views if view.reason}
+    ended = _is_final(found.state, found.final)
+    return ScanProgress(found.state, found.progress.stage, found.progress.fraction, views, reasons, ended)
 
 
-def get_json(http: httpx2.Client, address: str, retry: RetryPolicy) -> dict[str, Any]:
-    """Return the JSON document at `address`, as soon as the service answers.
+def progress_after(progress: ScanProgress | None, event: httpx2.ServerSentEvent) -> ScanProgress | None:
+    """Return the progress after an event of the stream. An event without data changes nothing.
+
+    Args:
+        progress: Progress before the event. None: not known yet.
+        event: The event.
 
     Raises:
-        ProblemError: As for `follow`.
-        UnreachableError: As for `follow`.
-        NotEndedError: As for `follow`.
+        AnswerError: The event is not one of the service.
     """
-    while True:
-        try:
-            found = require_success(http.get(address, timeout=retry.timeout)).json()
-        except RETRYABLE_ERRORS as error:
-            retry.wait_or_raise(error)
-        else:
-            retry.record_contact()
-            return found
-
-
-def _events(
-    http: httpx2.Client, address: str, last: str | None, retry: RetryPolicy
-) -> Iterator[httpx2.ServerSentEvent]:
-    headers = {} if last is None else {"Last-Event-ID": last}
-    with http.sse(f"{address}/events", headers=headers, timeout=retry.timeout) as source:
-        require_success(source.response)
-        for event in source:
-            retry.record_contact()
-            yield event
-
-
-def _progress_after(progress: ScanProgress | None, event: httpx2.ServerSentEvent) -> ScanProgress | None:
-    """Return the progress after an event of the stream. An event without data changes nothing."""
     if not event.data:
         return progress
-    content = json.loads(event.data)
+    try:
+        content = json.loads(event.data)
+    except ValueError as error:
+        raise AnswerError(f"an event of the scan is not JSON: {error}") from error
     if event.event in ("scan", "resync"):
         return progress_of(content)
-    return None if progress is None else progress.after(content)
+    if progress is None:
+        return None
+    change = decoded(_Event, content, "an event of the scan")
+    return progress.after(change.kind, change.data)
+
+
+def _is_final(state: str, final: bool | None) -> bool:
+    """Return whether a state is final. The service says so, because it may have states that are unknown here."""
+    return state in FINAL_STATES if final is None else final

@@ -18,25 +18,25 @@ MIN_TIMEOUT_S = 0.05
 """Shortest timeout of a request, however near the deadline is."""
 TEMPORARY_PROBLEMS = frozenset({"not-ready", "busy"})
 """Problems of a service that is starting or stopping, or whose database another program has locked."""
-RETRYABLE_ERRORS = (httpx2.TransportError, GatewayError, ProblemError)
-"""Errors that may be temporary. `RetryPolicy.wait_or_raise` decides.
+RETRYABLE_ERRORS = (httpx2.RequestError, GatewayError, ProblemError)
+"""Errors that may be temporary. `RetryPolicy.raise_unless_retryable` decides.
 
-An answer that is not a stream of events is a `TransportError` too.
+An answer that is not a stream of events is a `RequestError` too.
 """
 
 
 class RetryPolicy:
-    """Timeouts and pauses of waiting for a scan, across lost connections and a restart of the service."""
+    """Timeouts and retries of waiting for a scan, across lost connections and a restart of the service."""
 
-    def __init__(self, http: httpx2.Client, address: str, deadline: float | None) -> None:
+    def __init__(self, service: str, path: str, deadline: float | None) -> None:
         """Create the policy.
 
         Args:
-            http: The HTTP client.
-            address: Path of the scan.
+            service: Address of the service, for messages.
+            path: Path of the scan.
             deadline: Time at which waiting ends, in seconds of `time.monotonic()`. None: no limit.
         """
-        self._service, self._address, self._deadline = http.base_url, address, deadline
+        self._service, self._path, self._deadline = service, path, deadline
         self._last_contact = time.monotonic()
         self.max_outage_s = MAX_OUTAGE_S
         """Time without an answer after which waiting fails, seconds."""
@@ -58,10 +58,10 @@ class RetryPolicy:
     def raise_if_expired(self) -> None:
         """Raise NotEndedError if the deadline has passed."""
         if self._deadline is not None and time.monotonic() > self._deadline:
-            raise NotEndedError(self._address.rsplit("/", 1)[-1])
+            raise NotEndedError(self._path.rsplit("/", 1)[-1])
 
-    def wait_or_raise(self, error: Exception | None = None) -> None:
-        """Wait before the next request, or raise an error if there must be none.
+    def raise_unless_retryable(self, error: Exception | None = None) -> None:
+        """Raise an error if there must be no next request.
 
         Args:
             error: The error of the last request, one of `RETRYABLE_ERRORS`. None: the request succeeded.
@@ -78,4 +78,3 @@ class RetryPolicy:
                 f"{self._service} has not answered for {self.max_outage_s:.0f} s ({error}): try again later"
             ) from error
         self.raise_if_expired()
-        time.sleep(RETRY_INTERVAL_S)

@@ -1,16 +1,19 @@
 """Scripted answers of a service, for failures that a real service does not show in a test."""
 
+import asyncio
 import json
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Mapping
+from typing import Any, Self, cast
 
 import httpx2
 
-from pointchain_client import Client
+from pointchain_client import AsyncClient, Client
 from service.problems.document import MEDIA_TYPE, problem_document
 
 Answer = Callable[[httpx2.Request], httpx2.Response]
 
+KINDS = ("sync", "async")
+"""Kinds of clients."""
 SERVICE = "http://cell"
 SCAN = "/api/scans/20260101t000000-000000-00000000"
 
@@ -58,10 +61,55 @@ class ScriptedTransport(httpx2.MockTransport):
         return self._answers[min(len(self.requests), len(self._answers)) - 1](request)
 
 
-def planner_for(answers: ScriptedTransport) -> Client:
-    """Return a client of a service that gives these answers."""
-    planner = Client(SERVICE)
-    planner.close()
-    planner._http = httpx2.Client(base_url=SERVICE, transport=answers)
-    planner._stopping = httpx2.Client(base_url=SERVICE, transport=answers)
-    return planner
+class BlockingAsyncClient:
+    """An `AsyncClient` with blocking methods, so that one test checks both clients."""
+
+    def __init__(self, planner: AsyncClient) -> None:
+        self._planner = planner
+        self._runner = asyncio.Runner()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._runner.run(self._planner.close())
+        self._runner.close()
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        method = getattr(self._planner, name)
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            result = method(*arguments, **options)
+            return iter(self._items(result)) if isinstance(result, AsyncIterator) else self._runner.run(result)
+
+        return call
+
+    def _items(self, items: AsyncIterator[Any]) -> list[Any]:
+        async def read() -> list[Any]:
+            return [item async for item in items]
+
+        return self._runner.run(read())
+
+
+def open_planner(kind: str, address: str = SERVICE) -> Client:
+    """Return a blocking client of a service.
+
+    Args:
+        kind: `sync` or `async`, the class under test.
+        address: Address of the service.
+    """
+    return Client(address) if kind == "sync" else cast(Client, BlockingAsyncClient(AsyncClient(address)))
+
+
+def planner_for(kind: str, answers: ScriptedTransport) -> Client:
+    """Return a blocking client of a service that gives these answers. `kind` is `sync` or `async`."""
+    if kind == "sync":
+        planner = Client(SERVICE)
+        planner.close()
+        planner._http = httpx2.Client(base_url=SERVICE, transport=answers)
+        planner._stopping = httpx2.Client(base_url=SERVICE, transport=answers)
+        return planner
+    scripted = AsyncClient(SERVICE)
+    scripted._http = httpx2.AsyncClient(base_url=SERVICE, transport=answers)
+    scripted._stopping = httpx2.AsyncClient(base_url=SERVICE, transport=answers)
+    return cast(Client, BlockingAsyncClient(scripted))

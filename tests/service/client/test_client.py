@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import httpx2
@@ -13,13 +14,20 @@ import numpy as np
 import pytest
 
 from pointchain_client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
+from tests.service.client.answers import KINDS, open_planner
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.schema_1 import store_as_schema_1
 
 
+@pytest.fixture(params=KINDS)
+def kind(request: pytest.FixtureRequest) -> str:
+    """Kind of the client under test."""
+    return request.param
+
+
 @pytest.fixture
-def planner(client: httpx2.Client) -> Iterator[Client]:
-    with Client(str(client.base_url)) as planner:
+def planner(kind: str, client: httpx2.Client) -> Iterator[Client]:
+    with open_planner(kind, str(client.base_url)) as planner:
         yield planner
 
 
@@ -78,6 +86,31 @@ def test_a_stored_model_of_schema_1_is_read(
     assert not any(grasp.trusted for grasp in model.grasps)
 
 
+def test_a_model_has_its_changes_since_another_scan(planner: Client, recording: str) -> None:
+    before = planner.replay(recording, timeout_s=PATIENCE_S)
+    scan = planner.replay(recording, timeout_s=PATIENCE_S)
+    model = planner.model(scan)
+    assert model.since is None
+    found = [
+        planner.model(scan, since=before).since,
+        planner.changes(scan, since=before),
+        planner.changes(scan.id, since=before.id),
+        planner.changes(model, since=planner.model(before)),
+    ]
+    for changes in found:
+        assert changes is not None
+        assert (changes.scan, changes.new, changes.gone) == (before.id, (), ())
+        (match,) = changes.matches
+        assert (match.chain, match.before, match.change, match.is_reversed) == (0, 0, "unmoved", False)
+        assert match.T_now_before.tolist() == np.eye(4).tolist()
+    with pytest.raises(ProblemError) as unknown:
+        planner.changes(scan, since="20260101t000000-000000-00000000")
+    assert unknown.value.slug == "scan-not-found"
+    without = replace(model, provenance=None)
+    with pytest.raises(ValueError, match="does not say from which scan"):
+        planner.changes(without, since=before)
+
+
 def test_a_recording_can_be_uploaded_from_a_text_path(planner: Client, recording_file: Path) -> None:
     assert planner.upload(str(recording_file)).sha256 == planner.upload(recording_file).sha256
 
@@ -87,13 +120,13 @@ def test_scans_reads_all_pages(planner: Client, recording: str) -> None:
     assert [scan.id for scan in planner.scans(recording=recording, limit=2)] == ids[::-1]
 
 
-def test_the_same_key_starts_one_scan(planner: Client, recording: str) -> None:
-    request = {"mode": "replay", "recording": recording}
-    first = planner.start(request, key="the same")
-    assert planner.start(request, key="the same").id == first.id
+def test_the_same_key_starts_one_scan(kind: str, planner: Client, recording: str) -> None:
+    request, key = {"mode": "replay", "recording": recording}, f"the same {kind}"
+    first = planner.start(request, key=key)
+    assert planner.start(request, key=key).id == first.id
     assert planner.wait(first, timeout_s=PATIENCE_S).id == first.id
     with pytest.raises(ProblemError) as mismatch:
-        planner.start(request | {"method": "matching"}, key="the same")
+        planner.start(request | {"method": "matching"}, key=key)
     assert mismatch.value.slug == "idempotency-mismatch"
 
 
@@ -115,8 +148,11 @@ def test_refusals_and_failures_have_a_reason(planner: Client, recording: str, he
     assert failed.value.scan.state == "aborted"
 
 
-def test_without_a_stream_the_client_polls(serve: Serve, recording_file: Path, tmp_path: Path) -> None:
-    with serve(tmp_path / "data", limits={"event_streams": 1}) as service, Client(str(service.base_url)) as planner:
+def test_without_a_stream_the_client_polls(kind: str, serve: Serve, recording_file: Path, tmp_path: Path) -> None:
+    with (
+        serve(tmp_path / "data", limits={"event_streams": 1}) as service,
+        open_planner(kind, str(service.base_url)) as planner,
+    ):
         uploaded = planner.upload(recording_file)
         assert uploaded.name == recording_file.name
         recording = uploaded.id
@@ -127,10 +163,10 @@ def test_without_a_stream_the_client_polls(serve: Serve, recording_file: Path, t
         assert seen[-1].ended
 
 
-def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
+def test_an_unreachable_service_is_reported(kind: str, recording_file: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as occupied:
         address = f"http://127.0.0.1:{occupied.getsockname()[1]}"
-    with Client(address) as planner:
+    with open_planner(kind, address) as planner:
         with pytest.raises(UnreachableError, match="nothing was started"):
             planner.scan()
         with pytest.raises(UnreachableError, match="use the robot's own"):
@@ -141,10 +177,12 @@ def test_an_unreachable_service_is_reported(recording_file: Path) -> None:
             planner.upload(recording_file)
 
 
-def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: httpx2.Client, recording: str) -> None:
+def test_a_lost_answer_has_the_key_that_finds_the_scan(
+    kind: str, planner: Client, client: httpx2.Client, recording: str
+) -> None:
     with (
         cutting_proxy(client.base_url.port or 80, after_bytes=0) as port,
-        Client(f"http://127.0.0.1:{port}") as proxied,
+        open_planner(kind, f"http://127.0.0.1:{port}") as proxied,
         pytest.raises(UnansweredError) as lost,
     ):
         proxied.replay(recording)
@@ -154,11 +192,11 @@ def test_a_lost_answer_has_the_key_that_finds_the_scan(planner: Client, client: 
     assert [other.id for other in planner.scans(recording=recording)] == [scan.id]
 
 
-def test_wait_survives_lost_connections(client: httpx2.Client, recording: str, held: int) -> None:
+def test_wait_survives_lost_connections(kind: str, client: httpx2.Client, recording: str, held: int) -> None:
     """Each connection breaks after some bytes; no change of the state is missed."""
     with (
         cutting_proxy(client.base_url.port or 80, after_bytes=3000) as port,
-        Client(f"http://127.0.0.1:{port}") as planner,
+        open_planner(kind, f"http://127.0.0.1:{port}") as planner,
     ):
         scan = planner.start({"mode": "replay", "recording": recording})
         seen: list[ScanProgress] = []
@@ -219,8 +257,8 @@ def cutting_proxy(port: int, after_bytes: int) -> Iterator[int]:
             thread.join()
 
 
-def test_stop_is_repeated_after_the_connection_was_closed(client: httpx2.Client) -> None:
-    with Client(str(client.base_url)) as planner:
+def test_stop_is_repeated_after_the_connection_was_closed(kind: str, client: httpx2.Client) -> None:
+    with open_planner(kind, str(client.base_url)) as planner:
         planner.stop()
-        assert planner.cell()["state"] == "not_ready"
-        wait_until(lambda: planner.cell()["state"] != "busy")
+        assert planner.cell().state == "not_ready"
+        wait_until(lambda: planner.cell().state != "busy")

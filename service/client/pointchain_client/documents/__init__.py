@@ -1,0 +1,87 @@
+"""The JSON documents of the service as frozen dataclasses with NumPy arrays.
+
+A document goes in; a dataclass comes out. Each member of a document is a field with the same name. Members and enum
+values of a newer service are accepted: unknown members are ignored, and states, codes and verdicts are plain texts.
+"""
+
+from pointchain_client.documents.cell import (
+    CalibrationSummary,
+    Camera,
+    Cell,
+    CellWarning,
+    Robot,
+    UnreachableViewpoint,
+    Viewpoints,
+)
+from pointchain_client.documents.findings import Finding, Severity, Verdict
+from pointchain_client.documents.model import (
+    Chain,
+    ChainMatch,
+    Changes,
+    Crossing,
+    CrossingElement,
+    End,
+    EndElement,
+    Grasp,
+    Model,
+    OtherElement,
+    PData,
+    Provenance,
+    Quality,
+    SegmentElement,
+    StrandPoint,
+    Topology,
+    ViewQuality,
+)
+from pointchain_client.documents.scans import (
+    Problem,
+    Progress,
+    Recording,
+    RecordingLinks,
+    Scan,
+    ScanLinks,
+    ScanList,
+    ScanState,
+    ScanSummary,
+    ViewProgress,
+)
+
+__all__ = [
+    "CalibrationSummary",
+    "Camera",
+    "Cell",
+    "CellWarning",
+    "Chain",
+    "ChainMatch",
+    "Changes",
+    "Crossing",
+    "CrossingElement",
+    "End",
+    "EndElement",
+    "Finding",
+    "Grasp",
+    "Model",
+    "OtherElement",
+    "PData",
+    "Problem",
+    "Progress",
+    "Provenance",
+    "Quality",
+    "Recording",
+    "RecordingLinks",
+    "Robot",
+    "Scan",
+    "ScanLinks",
+    "ScanList",
+    "ScanState",
+    "ScanSummary",
+    "SegmentElement",
+    "Severity",
+    "StrandPoint",
+    "Topology",
+    "UnreachableViewpoint",
+    "Verdict",
+    "ViewProgress",
+    "ViewQuality",
+    "Viewpoints",
+]

@@ -1,0 +1,129 @@
+"""The cell: arm, camera, calibration and viewpoints, as they last reported. Metres, radians, base frame."""
+
+from dataclasses import dataclass
+
+from pointchain_client.documents.decoding import Pose, Values
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """The last state that the controller of the arm reported."""
+
+    kind: str
+    """`simulated` or `ur`."""
+    model: str
+    """Model of the arm, for example `ur5e`."""
+    serial: str | None
+    """Serial number. None until the arm was connected."""
+    software: str | None
+    """Version of the controller's software."""
+    robot_mode: str | None
+    """Mode of the arm, for example `running`. None if it is unknown."""
+    safety_mode: str | None
+    """Safety mode, for example `normal`. None if it is unknown."""
+    moving: bool | None
+    """Whether the arm moves. None if it is unknown."""
+    q_rad: Values | None
+    """(6,) joint angles, radians."""
+    T_base_flange: Pose | None
+    """(4, 4) pose of the flange in the base frame, metres."""
+    age_s: float | None
+    """Age of this state, seconds."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The camera, as it last reported."""
+
+    kind: str
+    """`simulated` or `oak`."""
+    product: str | None
+    """Name of the product. None until the camera was connected."""
+    device_id: str | None
+    """Id of the device."""
+    width: int | None
+    """Width of the depth image, pixels."""
+    height: int | None
+    """Height of the depth image, pixels."""
+    connection: str | None
+    """Kind of the connection, for example of USB."""
+    temperature_c: float | None
+    """Temperature, degrees Celsius."""
+    warnings: tuple[str, ...]
+    """Warnings for people."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationSummary:
+    """The hand-eye calibration in use."""
+
+    T_flange_camera: Pose
+    """(4, 4) pose of the camera in the flange frame, metres."""
+    created_at: str | None
+    """Time of the measurement, RFC 3339. None if it is not known."""
+    camera_id: str | None
+    """Id of the camera."""
+    robot_serial: str | None
+    """Serial number of the arm."""
+    sha256: str
+    """SHA-256 of the calibration."""
+    warnings: tuple[str, ...]
+    """Warnings for people."""
+
+
+@dataclass(frozen=True)
+class UnreachableViewpoint:
+    """A viewpoint that the arm cannot reach."""
+
+    index: int
+    """Number of the viewpoint."""
+    reason: str
+    """Description for people."""
+
+
+@dataclass(frozen=True)
+class Viewpoints:
+    """Summary of the last plan of viewpoints."""
+
+    planned: int
+    """Number of planned viewpoints."""
+    reachable: int
+    """Number of viewpoints that the arm can reach."""
+    unreachable: tuple[UnreachableViewpoint, ...]
+    """The other viewpoints."""
+    warning: str | None
+    """The part of the workspace that the reachable viewpoints do not show well. None if there is no such part."""
+
+
+@dataclass(frozen=True)
+class CellWarning:
+    """A condition that does not prevent scans but needs attention."""
+
+    code: str
+    """Code for programs, for example `calibration-drift`."""
+    message: str
+    """Description for people, with what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The last known state of the cell. Reading it contacts no device."""
+
+    state: str
+    """`not_ready`, `ready`, `busy` or `fault`. In a fault, a person must inspect the cell and acknowledge."""
+    problem: str | None
+    """Type of the problem that keeps the cell from being ready, for example `urn:pointchain:released`."""
+    reason: str | None
+    """The same as a message for people, with what to do."""
+    simulated: bool
+    """Whether the arm or the camera is simulated."""
+    robot: Robot
+    """The arm."""
+    camera: Camera
+    """The camera."""
+    calibration: CalibrationSummary | None
+    """The hand-eye calibration in use. None until a calibration was loaded."""
+    viewpoints: Viewpoints | None
+    """The last plan of viewpoints. None until viewpoints were planned."""
+    warnings: tuple[CellWarning, ...]
+    """Conditions that need attention, for example a drift of the camera from its calibration."""
