@@ -19,7 +19,7 @@ help:
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
 	@echo 'make pictures  take the pictures of the console again, and measure how soon the page appears'
 	@echo 'make setup   make .venv, the console and the manual; the others do this first when needed'
-	@echo 'make wheel   build the package into dist/, with the console and the manual in it'
+	@echo 'make wheel   build two wheels into dist/: the package, with console and manual, and the client'
 	@echo 'make licences  write LICENCES.md again: what each package may be used for'
 	@echo 'make lock    write requirements.lock again from pyproject.toml; UPGRADE=1 takes newer versions'
 	@echo 'make clean   remove what these commands made'
@@ -27,7 +27,7 @@ help:
 setup: .venv/.ready service/console/built/.ready service/manual/.ready
 
 # Made again when what it depends on changes.
-.venv/.ready: requirements.lock pyproject.toml .python-version .ci/setup
+.venv/.ready: requirements.lock pyproject.toml service/client/pyproject.toml .python-version .ci/setup
 	@.ci/setup
 	@touch $@
 
@@ -82,8 +82,9 @@ bench: .venv/.ready
 # By the packages of the lock, without a build environment of its own, which would fetch others.
 wheel: service/console/built/.ready docs
 	@.ci/setup uv
-	@rm -rf build/lib  # what is renamed would stay in the wheel
+	@rm -rf build/lib service/client/build  # what is renamed would stay in the wheel
 	@PATH=".uv/bin:$$PATH" uv build --quiet --no-build-isolation --python .venv --out-dir dist
+	@PATH=".uv/bin:$$PATH" uv build --quiet --no-build-isolation --python .venv --out-dir dist service/client
 	@ls dist/*.whl
 
 licences: .venv/.ready
@@ -98,5 +99,5 @@ lock:
 		--output-file requirements.lock pyproject.toml
 
 clean:
-	rm -rf .venv .uv demo build dist service/manual service/console/built service/console/web/node_modules service/console/web/generated *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
+	rm -rf .venv .uv demo build dist service/client/build service/client/*.egg-info service/manual service/console/built service/console/web/node_modules service/console/web/generated *.egg-info .pytest_cache .ruff_cache .hypothesis .schemathesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -14,6 +14,9 @@ from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CLIENT = ROOT / "service" / "client"
+"""Folder of the planners' client, a distribution of its own."""
+CLIENT_PROJECT = tomllib.loads((CLIENT / "pyproject.toml").read_text())
 LOCK = (ROOT / "requirements.lock").read_text()
 
 # The supported platforms, as the environment markers of pip distinguish them.
@@ -27,7 +30,7 @@ PYTHONS = {"3.11": "3.11.2", "3.12": "3.12.3"}
 FIND_PACKAGES = """
 import importlib.util, json
 places = {}
-for name in ["service", "cell", "calibration", "recognition", "docker", "tests"]:
+for name in ["service", "cell", "calibration", "recognition", "docker", "tests", "pointchain_client"]:
     spec = importlib.util.find_spec(name)
     places[name] = list(spec.submodule_search_locations or [spec.origin]) if spec else []
 print(json.dumps(places))
@@ -61,8 +64,10 @@ def test_the_package_comes_from_this_repository(name: str) -> None:
     assert Path(file).resolve() == ROOT / name / "__init__.py"
 
 
-def test_only_the_four_packages_are_installed(tmp_path: Path) -> None:
+def test_only_the_four_packages_and_the_client_are_installed(tmp_path: Path) -> None:
     places = json.loads(run_python(FIND_PACKAGES, cwd=tmp_path))
+    (client,) = places.pop("pointchain_client")
+    assert Path(client).resolve() == CLIENT / "pointchain_client"
     ours = {name for name, found in places.items() if any(Path(p).resolve().is_relative_to(ROOT / name) for p in found)}
     assert ours == {"service", "cell", "calibration", "recognition"}, "the installation differs from `make setup`"
 
@@ -77,6 +82,7 @@ def test_every_package_folder_except_the_benchmarks_is_installed() -> None:
         ".".join(file.parent.relative_to(ROOT).parts)
         for top in ("service", "cell", "calibration", "recognition")
         for file in (ROOT / top).rglob("__init__.py")
+        if not file.is_relative_to(CLIENT)
     }
     assert folders >= NOT_INSTALLED
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(folders - NOT_INSTALLED)
@@ -134,6 +140,7 @@ def test_the_lock_satisfies_the_direct_dependencies(python: str, platform: str) 
     project = PYPROJECT["project"]
     # Setuptools builds the editable install and is taken from the lock too.
     required = [*PYPROJECT["build-system"]["requires"], *project["dependencies"]]
+    required += CLIENT_PROJECT["project"]["dependencies"]
     for extra in project["optional-dependencies"].values():
         required += extra
     environment = {
@@ -164,7 +171,8 @@ def test_every_package_is_listed_with_a_licence_for_commercial_use() -> None:
     if "{}.{}".format(*sys.version_info) == (ROOT / ".python-version").read_text().strip():
         assert (ROOT / "LICENCES.md").read_text() == listing, "make licences"
     licences = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|$", listing, flags=re.MULTILINE))
-    direct = {canonicalize_name(Requirement(line).name) for line in PYPROJECT["project"]["dependencies"]}
+    dependencies = [*PYPROJECT["project"]["dependencies"], *CLIENT_PROJECT["project"]["dependencies"]]
+    direct = {canonicalize_name(Requirement(line).name) for line in dependencies}
     assert {"numpy", "ik-geo", "distributed", "rosbags", "pytest"} <= set(licences)
     assert len(direct & set(licences)) >= len(direct) - 1, "only open3d may be listed by another name"
     assert "unknown" not in licences.values()

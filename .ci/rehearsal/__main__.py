@@ -27,12 +27,22 @@ START_S = 90.0
 
 ASK_MANUAL = """
 from urllib.request import ProxyHandler, build_opener
-page = build_opener(ProxyHandler({})).open("http://127.0.0.1:8123/manual/", timeout=10)
+opener = build_opener(ProxyHandler({}))
+opener.open("http://127.0.0.1:8123/readyz", timeout=10)
+page = opener.open("http://127.0.0.1:8123/manual/", timeout=10)
 assert b"<title>Pointchain manual" in page.read()
+"""
+REPLAY = """
+from pathlib import Path
+from pointchain_client import Client
+with Client("http://127.0.0.1:8123") as cell:
+    assert len(cell.model(cell.replay(Path("knot.mcap"))).crossings) == 3
 """
 INSTALLED = f"""
 PATH=$PWD/.uv/bin:/root/.local/bin:$PATH
-uv tool install --quiet --python '>=3.11,<3.13' --constraints requirements.lock dist/*.whl
+uv tool install --quiet --python '>=3.11,<3.13' --constraints requirements.lock dist/pointchain-*.whl
+uv venv --quiet --python '>=3.11' /root/planner
+uv pip install --quiet --python /root/planner --constraints requirements.lock dist/pointchain_client-*.whl
 cd /root
 pointchain --version
 pointchain simulate knot.mcap --scene overhand-knot --seed 3
@@ -41,18 +51,29 @@ pointchain bench && exit 1 || test $? = 2  # it needs a checkout
 POINTCHAIN_DATA_DIR=/root/data POINTCHAIN_PORT=8123 pointchain serve &
 service=$!
 timeout 120 sh -c 'until python3 -c "$0" 2>/dev/null; do sleep 1; done' {shlex.quote(ASK_MANUAL)}
+NO_PROXY=127.0.0.1 /root/planner/bin/python -c {shlex.quote(REPLAY)}
 kill $service
 wait $service
 """
 USE = """
-import os, subprocess
+import json, os, subprocess, time
 from pathlib import Path
-from service.client import Client
+from urllib.request import Request, urlopen
+
+def call(path, body=None, kind="application/json"):
+    headers = {"Authorization": "Bearer " + os.environ["TOKEN"], "Content-Type": kind}
+    with urlopen(Request("http://127.0.0.1:8000" + path, body, headers), timeout=60) as answer:
+        return json.load(answer)
+
 subprocess.run(["pointchain", "simulate", "/tmp/knot.mcap", "--scene", "overhand-knot", "--seed", "3"], check=True)
-with Client(token=os.environ["TOKEN"]) as cell:
-    for scan in (cell.scan(), cell.replay(Path("/tmp/knot.mcap"))):
-        model = cell.model(scan)
-        print(f"{scan.mode}: {scan.state}, {len(model.chains)} chain, {len(model.crossings)} crossings")
+recording = call("/api/recordings", Path("/tmp/knot.mcap").read_bytes(), "application/octet-stream")["id"]
+for request in ({"mode": "live"}, {"mode": "replay", "recording": recording}):
+    scan = call("/api/scans", json.dumps(request).encode())
+    while not scan["final"]:
+        time.sleep(0.2)
+        scan = call(scan["links"]["self"])
+    model = call(scan["links"]["model"])
+    print(f"{scan['mode']}: {scan['state']}, {len(model['chains'])} chain, {len(model['crossings'])} crossings")
 """
 ASK = """
 import sys, urllib.error, urllib.request
