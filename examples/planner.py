@@ -6,8 +6,7 @@ Run: python examples/planner.py [URL]. The service's arm moves. A token comes fr
 import os
 import sys
 
-from recognition.model import Grasp, PointChainModel
-from service.client import Client, ClientError
+from pointchain_client import Client, ClientError, Grasp, Model
 
 MORE_DATA_HELPS = {
     "connection-uncertain", "crossing-undecided", "end-unobserved", "possible-string", "scene-changed", "sharp-bend",
@@ -15,7 +14,7 @@ MORE_DATA_HELPS = {
 }  # fmt: skip
 
 
-def decide(model: PointChainModel, may_rescan: bool) -> Grasp | str:
+def decide(model: Model, may_rescan: bool) -> Grasp | str:
     """Return a grasp to carry out, or what to do instead: `done`, `rescan` or `ask`."""
     if model.quality.verdict == "accept" and not model.chains:
         return "done"

@@ -18,6 +18,7 @@ from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from pointchain_client import Model
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
@@ -37,8 +38,8 @@ def judge(case: Case) -> tuple[bool, str, bool]:
     scene = make_scene(name, seed, clutter=boxes)
     scan = simulate(scene, camera_model("oak-d-pro"), seed)
     parameters = ChainParameters.for_radius(scene.radius_m)
-    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
-    result = score(model.to_json(), scan.truth)
+    document = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
+    model, result = Model.from_json(document), score(document, scan.truth)
     is_right = result.topology and result.cover >= MIN_COVER if result.strings else result.chains == 0
     return is_right, model.quality.verdict, decide(model, may_rescan=True) not in ("rescan", "ask")
 

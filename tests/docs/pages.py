@@ -19,8 +19,9 @@ _FENCE = re.compile(r"^( *)(`{3,})([^\n`]*)\n(.*?)^\1\2 *$", re.MULTILINE | re.D
 
 
 def pages() -> list[Path]:
-    """Return the documents: README, CONTRIBUTING, CHANGELOG, the list of examples and the manual."""
-    top = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md")]
+    """Return the documents: README, CONTRIBUTING, CHANGELOG, the examples' and the client's README, and the manual."""
+    names = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "examples/README.md", "service/client/README.md")
+    top = [ROOT / name for name in names]
     return [*top, *sorted(DOCS.rglob("*.md"))]
 
 

@@ -31,6 +31,8 @@ ELSEWHERE = {
     "make test": ".ci/run::make --keep-going lint test",
     "make serve": "tests/service/cli/commands/test_serve.py::test_text_log_has_plain_start_lines",
     "make setup": "Makefile::setup:",
+    "pip install ./service/client": "tests/service/client/test_distribution.py"
+    "::test_pip_install_gives_a_client_that_needs_nothing_else_of_the_project",
     "source .venv/bin/activate": ".ci/setup::venv",
     "pointchain check": "tests/service/cli/commands/test_check.py::test_check_prints_what_is_wrong_and_what_to_do",
     "pointchain calibrate run": "tests/service/cli/calibrate/test_run.py::test_a_new_cell_is_calibrated",

@@ -9,11 +9,13 @@ import pytest
 from calibration.hand_eye import solve_hand_eye
 from cell.devices import View
 from cell.recording import RecordingWriter
+from pointchain_client import AsyncClient, Client
 from recognition.pipeline import recognise
-from pointchain_client import Client
 
 
-@pytest.mark.parametrize("thing", [recognise, Client, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__)
+@pytest.mark.parametrize(
+    "thing", [recognise, Client, AsyncClient, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__
+)
 def test_the_example_runs(thing: Any) -> None:
     module = sys.modules[thing.__module__]
     finder = doctest.DocTestFinder(recurse=False)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.docs.pages import DOCS, GENERATED, ROOT, name_of, prose
 
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "service/client/README.md", *sorted(DOCS.rglob("*.md"))]
 STYLE = DOCS / "contributor" / "style.md"
 """Lists the banned words, in the first column of its table."""
 MAX_LINES = 250

@@ -1,20 +1,99 @@
-"""The example planners scan again for the findings for which the table of codes says so."""
+"""The planner of the examples acts on right models, and on no wrong one. It scans again by the table of codes."""
 
+import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from cell.simulation.evaluation.metrics import Score, score
+from cell.simulation.offline_scan import simulate
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
+from pointchain_client import Grasp, Model
 from recognition.model.finding_types import FINDING_TYPES
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing import Scene
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CODES = re.compile(r'^(?:const )?MORE_DATA_HELPS\b[^"]*((?:"[\w-]+",?\s*)+)', re.MULTILINE)
 """The strings in the set of a planner, which has no other access to the table."""
 
 
-@pytest.mark.parametrize("planner", ["planner.py", "planner.ts"])
-def test_a_planner_scans_again_if_the_decision_is_to_scan_again(planner: str) -> None:
-    found = CODES.search((EXAMPLES / planner).read_text())
+@pytest.fixture(scope="module")
+def planner() -> ModuleType:
+    path = Path(__file__).parents[2] / "examples/planner.py"
+    spec = importlib.util.spec_from_file_location("planner", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_its_decisions_are_counted() -> None:
+    """The models of seed 0 of all scenes are right and without a doubt."""
+    root = Path(__file__).parents[2]
+    program = [sys.executable, str(root / "examples/planner_accuracy.py"), "--seeds", "1"]
+    done = subprocess.run(program, cwd=root, capture_output=True, text=True, check=True)
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in done.stdout.splitlines()[2:]]
+    assert [(row[0], row[1]) for row in rows] == [
+        (name, boxes)
+        for name in ("figure-eight", "tangle", "side-by-side", "end-on-strand", "empty")
+        for boxes in ("0", "4")
+    ]
+    assert all(row[2:] == ["1", "1", "1", "0", "0"] for row in rows), rows
+
+
+def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tuple[Model, Score]:
+    """Return the model of a simulated scene and its score, for a given radius of `radius_share` of the true one."""
+    scene = make_scene(name, seed, clutter=clutter)
+    scan = simulate(scene, camera_model("oak-d-pro"), seed)
+    parameters = ChainParameters.for_radius(radius_share * scene.radius_m)
+    document = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
+    return Model.from_json(document), score(document, scan.truth)
+
+
+@pytest.mark.parametrize("clutter", [0, 4])
+@pytest.mark.parametrize("name", ["figure-eight", "tangle", "side-by-side", "end-on-strand"])
+def test_it_grasps_a_string_of_a_right_model(planner: ModuleType, name: str, clutter: int) -> None:
+    model, result = scanned(name, 3, clutter)
+    assert result.topology
+    grasp = planner.decide(model, may_rescan=True)
+    assert isinstance(grasp, Grasp)
+    assert grasp == model.grasps[0]
+
+
+@pytest.mark.parametrize("clutter", [0, 4])
+def test_it_does_nothing_where_no_string_is(planner: ModuleType, clutter: int) -> None:
+    model, _ = scanned("empty", 3, clutter)
+    assert planner.decide(model, may_rescan=True) == "done"
+
+
+# In these scenes without a string, the edge or a fold of an object is recognised as a chain.
+@pytest.mark.parametrize(("seed", "clutter"), [(11, 0), (177, 0), (10, 4), (121, 4)])
+def test_it_asks_a_person_about_an_object_that_looks_like_a_string(
+    planner: ModuleType, seed: int, clutter: int
+) -> None:
+    model, _ = scanned("empty", seed, clutter)
+    assert model.chains
+    assert planner.decide(model, may_rescan=True) == "ask"
+
+
+def test_it_does_not_act_on_a_wrong_model_for_a_wrong_radius(planner: ModuleType) -> None:
+    model, result = scanned("several", 1, 0, 1.5)
+    assert not result.topology
+    assert not isinstance(planner.decide(model, may_rescan=True), Grasp)
+    assert planner.decide(model, may_rescan=False) == "ask"
+
+
+@pytest.mark.parametrize("name", ["planner.py", "planner.ts"])
+def test_a_planner_scans_again_if_the_decision_is_to_scan_again(name: str) -> None:
+    found = CODES.search((EXAMPLES / name).read_text())
     assert found is not None
     codes = re.findall(r'"([\w-]+)"', found[1])
     assert sorted(codes) == sorted(code for code, kind in FINDING_TYPES.items() if kind.decision == "scan again")

@@ -190,6 +190,7 @@ class EndElement:
     """One end of an open chain."""
 
     KIND: ClassVar[str] = "end"
+    """Value of `kind`."""
     id: int
     """Index of the element."""
     kind: str
@@ -209,6 +210,7 @@ class CrossingElement:
     """A crossing, called "node" in the paper."""
 
     KIND: ClassVar[str] = "crossing"
+    """Value of `kind`."""
     id: int
     """Index of the element."""
     kind: str
@@ -228,6 +230,7 @@ class SegmentElement:
     """The part of a chain from one end or crossing pass to the next."""
 
     KIND: ClassVar[str] = "segment"
+    """Value of `kind`."""
     id: int
     """Index of the element."""
     kind: str
@@ -255,9 +258,9 @@ class PData:
     elements: tuple[EndElement | CrossingElement | SegmentElement | OtherElement, ...]
     """The elements, by id."""
     matrix: Matrix
-    """(E, E) successors of the E elements. `matrix[i, j]` is not 0 if element j follows element i: 1 at the over pass
-    of a crossing, -1 at its under pass, 2 at an end. A ring without crossings is one segment that follows itself, with
-    2."""
+    """(E, E) successors of the E elements. `matrix[i, j]` is not 0 if element j follows element i. It is 1 at the over
+    pass of a crossing, -1 at its under pass, and 2 at an end. A ring without crossings is one segment that follows
+    itself, with 2."""
 
 
 @dataclass(frozen=True, eq=False)

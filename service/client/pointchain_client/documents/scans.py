@@ -30,7 +30,7 @@ class Problem:
     status: int
     """HTTP status."""
     detail: str
-    """Description for people: what happened, and what to do."""
+    """Description for people of what happened and what to do."""
     instance: str | None = None
     """Path of the request or of the scan."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
