@@ -12,10 +12,10 @@ from cell.recording import RecordingWriter
 from pointchain_client import AsyncClient, Client
 from recognition.pipeline import recognise
 
+THINGS = [recognise, Client, AsyncClient, View, RecordingWriter, solve_hand_eye]
 
-@pytest.mark.parametrize(
-    "thing", [recognise, Client, AsyncClient, View, RecordingWriter, solve_hand_eye], ids=lambda x: x.__name__
-)
+
+@pytest.mark.parametrize("thing", THINGS, ids=lambda x: x.__name__)
 def test_the_example_runs(thing: Any) -> None:
     module = sys.modules[thing.__module__]
     finder = doctest.DocTestFinder(recurse=False)

@@ -1,7 +1,7 @@
 """Client of Pointchain, for programs that plan with point chain models.
 
-`Client` and `AsyncClient` go in with the address of a service; scans, models and the state of the cell come out as
-dataclasses with NumPy arrays. The package needs NumPy and httpx2 only.
+A `Client`, or an `AsyncClient` for asyncio, takes the address of a service. It returns scans, models and the state of
+the cell as dataclasses with NumPy arrays. The package needs NumPy and httpx2 only.
 """
 
 from pointchain_client.async_client import AsyncClient

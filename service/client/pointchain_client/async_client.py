@@ -234,9 +234,11 @@ class _Connection:
 
     async def _close_events(self) -> None:
         events, self._events = self._events, None
-        if isinstance(events, AsyncGenerator):
-            await events.aclose()  # before its response, so that no generator is left to the event loop
-        await self._stream.aclose()
+        try:
+            if isinstance(events, AsyncGenerator):
+                await events.aclose()  # before its response, so that no generator is left to the event loop
+        finally:
+            await self._stream.aclose()
 
 
 async def _chunks(file: BinaryIO) -> AsyncIterator[bytes]:
