@@ -95,7 +95,7 @@ class PointChainModel:
             document: The document. Unknown members are ignored.
 
         Raises:
-            ModelError: The document is not a model, or it contradicts itself.
+            recognition.errors.ModelError: The document is not a model, or it contradicts itself.
         """
         from pydantic import ValidationError
 

@@ -112,7 +112,10 @@ class Cell:
     state: str
     """`not_ready`, `ready`, `busy` or `fault`. In a fault, a person must inspect the cell and acknowledge."""
     problem: str | None
-    """Type of the problem that keeps the cell from being ready, for example `urn:pointchain:released`."""
+    """Type of the problem that keeps the cell from being ready. None without such a problem.
+
+    For example `urn:pointchain:released`.
+    """
     reason: str | None
     """The same as a message for people, with what to do."""
     simulated: bool

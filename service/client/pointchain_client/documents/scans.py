@@ -24,7 +24,7 @@ class Problem:
     """A problem document (RFC 9457): why a request was refused, or why a scan has no model."""
 
     type: str
-    """Type of the problem, for example `urn:pointchain:cell-busy`."""
+    """Type of the problem, a URN. `slug` is its last part."""
     title: str
     """Short description for people, the same for each problem of this type."""
     status: int
