@@ -219,7 +219,7 @@ def test_a_problem_keeps_its_further_members() -> None:
 
 Change = Callable[[dict[str, Any]], object]
 WRONG: dict[str, Change] = {
-    "member chains[0].points must be an array of numbers of shape N x 3": lambda m: m["chains"][0]["points"][0].pop(),
+    "member chains[0].points must be an array of numbers of shape (N, 3)": lambda m: m["chains"][0]["points"][0].pop(),
     "chain 0 has": lambda m: m["chains"][0]["points"].pop(),
     "member chains[0].sigma_m must": lambda m: m["chains"][0]["sigma_m"].__setitem__(0, None),
     "member chains[0].views must be an array of integers": lambda m: m["chains"][0]["views"].__setitem__(0, 1.5),

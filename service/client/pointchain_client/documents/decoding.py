@@ -6,7 +6,7 @@ The hints may be `bool`, `int`, `float`, `str`, `Any`, another dataclass, `X | N
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, field, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -25,28 +25,33 @@ class DecodeError(ValueError):
     """A JSON value does not have the expected form. The message names the member."""
 
 
-@dataclass(frozen=True)
 class ArrayShape:
-    """Shape of an array, with None for any length."""
+    """Shape of an array in a type hint, such as (N, 3)."""
 
-    lengths: tuple[int | None, ...]
-    """Length of each axis."""
+    def __init__(self, *lengths: int | None) -> None:
+        """Create the shape.
 
-    def __str__(self) -> str:
-        return " x ".join("N" if length is None else str(length) for length in self.lengths)
+        Args:
+            *lengths: Length of each axis. None: any length.
+        """
+        self.lengths = lengths
+
+    def __repr__(self) -> str:
+        lengths = ", ".join("N" if length is None else str(length) for length in self.lengths)
+        return f"({lengths})" if len(self.lengths) > 1 else f"({lengths},)"
 
 
-Points = Annotated[NDArray[np.float64], ArrayShape((None, 3))]
+Points = Annotated[NDArray[np.float64], ArrayShape(None, 3)]
 """(N, 3) array."""
-Point = Annotated[NDArray[np.float64], ArrayShape((3,))]
+Point = Annotated[NDArray[np.float64], ArrayShape(3)]
 """(3,) array."""
-Pose = Annotated[NDArray[np.float64], ArrayShape((4, 4))]
+Pose = Annotated[NDArray[np.float64], ArrayShape(4, 4)]
 """(4, 4) array."""
-Values = Annotated[NDArray[np.float64], ArrayShape((None,))]
+Values = Annotated[NDArray[np.float64], ArrayShape(None)]
 """(N,) array of numbers."""
-Counts = Annotated[NDArray[np.int64], ArrayShape((None,))]
+Counts = Annotated[NDArray[np.int64], ArrayShape(None)]
 """(N,) array of integers."""
-Matrix = Annotated[NDArray[np.int64], ArrayShape((None, None))]
+Matrix = Annotated[NDArray[np.int64], ArrayShape(None, None)]
 """(N, M) array of integers."""
 
 
