@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Self, TypeVar
 import httpx2
 
 from pointchain_client import flows
-from pointchain_client.documents.cell import Cell
+from pointchain_client.documents.cell import Cell, ScanValidation
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
 from pointchain_client.flows import Method, ScanRef
@@ -111,6 +111,10 @@ class AsyncClient:
     async def start(self, request: Mapping[str, Any], key: str | None = None) -> Scan:
         """Start a scan and return it without waiting for its end. See `Client.start`."""
         return await self._run(flows.start(self._service, request, key))
+
+    async def validate(self, request: Mapping[str, Any]) -> ScanValidation:
+        """Check a request for a scan without starting one. Nothing moves. See `Client.validate`."""
+        return await self._run(flows.validate(self._service, request))
 
     async def wait(
         self,

@@ -15,7 +15,7 @@ from typing import Any, Self, TypeVar
 import httpx2
 
 from pointchain_client import flows
-from pointchain_client.documents.cell import Cell
+from pointchain_client.documents.cell import Cell, ScanValidation
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
 from pointchain_client.flows import Method, ScanRef
@@ -155,11 +155,24 @@ class Client:
             The scan, in its present state.
 
         Raises:
+            ValueError: The request has `validate_only`, and would start no scan.
             ProblemError: The scan was not accepted. The error has the reason.
             UnansweredError: The scan may have been started. The error has the request and the key.
             UnreachableError: The service cannot be reached. This request has started nothing.
         """
         return self._run(flows.start(self._service, request, key))
+
+    def validate(self, request: Mapping[str, Any]) -> ScanValidation:
+        """Check a request for a scan without starting one, and return what the scan would use. Nothing moves.
+
+        Args:
+            request: Body of `POST /api/scans`.
+
+        Raises:
+            ProblemError: The scan would not be accepted. The error has the reason.
+            UnreachableError: The service did not answer.
+        """
+        return self._run(flows.validate(self._service, request))
 
     def wait(
         self,

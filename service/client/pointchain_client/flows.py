@@ -16,7 +16,7 @@ import httpx2
 
 from pointchain_client import retry
 from pointchain_client.answers import NOT_SENT_ERRORS, document_of, json_of, require_success
-from pointchain_client.documents.cell import Cell
+from pointchain_client.documents.cell import Cell, ScanValidation
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import ID_PATTERN, RESULT_STATES, Recording, Scan, ScanList
 from pointchain_client.errors import (
@@ -39,7 +39,7 @@ ScanRef: TypeAlias = Scan | Model | str
 D = TypeVar("D")
 
 ANSWER_TIMEOUT_S = 60.0
-"""Timeout of an answer. Accepting a live scan takes seconds, because arm and camera are connected first."""
+"""Timeout of an answer. Some answers take long, because `connect` and `release` wait for the arm."""
 FINAL_STATE_TIMEOUT_S = 10.0
 """Time limit for reading why a scan has no model. A restart of the service takes some seconds."""
 STOP_TIMEOUT_S = 2.0
@@ -114,6 +114,8 @@ def id_of(scan: ScanRef) -> str:
 
 def start(service: str, body: Mapping[str, Any], key: str | None) -> Flow[Scan]:
     """Start a scan. If its key is still being processed, wait for the answer."""
+    if body.get("validate_only"):
+        raise ValueError("a request with validate_only starts no scan; use validate")
     key = key or uuid4().hex
     request = Request("POST", SCANS, json=dict(body), headers={"Idempotency-Key": key})
     end = time.monotonic() + ANSWER_TIMEOUT_S
@@ -133,6 +135,11 @@ def start(service: str, body: Mapping[str, Any], key: str | None) -> Flow[Scan]:
             if time.monotonic() > end:
                 raise UnansweredError(body, key, error) from error
             yield Pause(error.retry_after_s or retry.RETRY_INTERVAL_S)
+
+
+def validate(service: str, body: Mapping[str, Any]) -> Flow[ScanValidation]:
+    """Check a request for a scan. No scan is started."""
+    return document_of(ScanValidation, (yield from _post(service, SCANS, {**body, "validate_only": True})))
 
 
 def start_and_wait(service: str, body: Mapping[str, Any], timeout_s: float | None) -> Flow[Scan]:
@@ -301,10 +308,10 @@ def acknowledge(service: str) -> Flow[None]:
     yield from _post(service, f"{CELL}/acknowledge")
 
 
-def _post(service: str, path: str) -> Flow[httpx2.Response]:
+def _post(service: str, path: str, body: Mapping[str, Any] | None = None) -> Flow[httpx2.Response]:
     """Send a command, once."""
     try:
-        return require_success((yield Request("POST", path)))
+        return require_success((yield Request("POST", path, json=body)))
     except httpx2.RequestError as error:
         raise UnreachableError(
             f"{service} did not answer POST {path} ({error}): check the cell, then try again"

@@ -130,6 +130,18 @@ def test_the_same_key_starts_one_scan(kind: str, planner: Client, recording: str
     assert mismatch.value.slug == "idempotency-mismatch"
 
 
+def test_a_request_is_checked_without_a_scan(planner: Client, recording: str) -> None:
+    request = {"mode": "replay", "recording": recording, "string_radius_m": 0.004}
+    found = planner.validate(request)
+    assert (found.valid, found.recording, found.string_radius_m, found.viewpoints) == (True, recording, 0.004, None)
+    assert list(planner.scans(recording=recording)) == []
+    with pytest.raises(ProblemError) as refused:
+        planner.validate(request | {"recording": "20260101t000000-000000-00000000"})
+    assert refused.value.slug == "recording-not-found"
+    with pytest.raises(ValueError, match="use validate"):
+        planner.start(request | {"validate_only": True})
+
+
 def test_refusals_and_failures_have_a_reason(planner: Client, recording: str, held: int) -> None:
     with pytest.raises(ProblemError) as unknown:
         planner.replay("20260101t000000-000000-00000000")

@@ -1,6 +1,7 @@
 """The client is a distribution of its own: its dependencies, its wheel, and nothing else of the project."""
 
 import ast
+import inspect
 import re
 import shutil
 import subprocess
@@ -10,6 +11,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
+
+from pointchain_client import AsyncClient, Client
 
 ROOT = Path(__file__).resolve().parents[3]
 FOLDER = ROOT / "service" / "client"
@@ -46,6 +49,15 @@ def test_only_numpy_and_httpx2_are_imported() -> None:
             elif isinstance(node, ast.ImportFrom):
                 imported.add((node.module or "").partition(".")[0])
     assert imported - set(sys.stdlib_module_names) == ALLOWED
+
+
+def test_both_clients_have_the_same_methods_and_arguments() -> None:
+    methods = {name: kind for name, kind in vars(Client).items() if inspect.isfunction(kind) and name[0] != "_"}
+    coroutines = {name: kind for name, kind in vars(AsyncClient).items() if inspect.isfunction(kind) and name[0] != "_"}
+    assert set(methods) == set(coroutines)
+    for name, method in methods.items():
+        assert inspect.signature(coroutines[name]).parameters == inspect.signature(method).parameters, name
+    assert inspect.signature(Client).parameters == inspect.signature(AsyncClient).parameters
 
 
 def test_each_package_of_the_folder_is_installed() -> None:

@@ -10,6 +10,7 @@ from pointchain_client.documents.cell import (
     Cell,
     CellWarning,
     Robot,
+    ScanValidation,
     UnreachableViewpoint,
     Viewpoints,
 )
@@ -43,6 +44,8 @@ from pointchain_client.documents.scans import (
     ScanList,
     ScanState,
     ScanSummary,
+    ScanTiming,
+    ViewDurations,
     ViewProgress,
 )
 
@@ -75,12 +78,15 @@ __all__ = [
     "ScanList",
     "ScanState",
     "ScanSummary",
+    "ScanTiming",
+    "ScanValidation",
     "SegmentElement",
     "Severity",
     "StrandPoint",
     "Topology",
     "UnreachableViewpoint",
     "Verdict",
+    "ViewDurations",
     "ViewProgress",
     "ViewQuality",
     "Viewpoints",

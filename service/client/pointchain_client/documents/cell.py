@@ -1,4 +1,7 @@
-"""The cell: arm, camera, calibration and viewpoints, as they last reported. Metres, radians, base frame."""
+"""The cell: arm, camera, calibration and viewpoints, as they last reported, and what a scan would use.
+
+Metres, radians, base frame.
+"""
 
 from dataclasses import dataclass
 
@@ -27,6 +30,8 @@ class Robot:
     """(6,) joint angles, radians."""
     T_base_flange: Pose | None
     """(4, 4) pose of the flange in the base frame, metres."""
+    at_home: bool | None
+    """Whether the arm stood in its home posture when its state was last read. None until viewpoints were planned."""
     age_s: float | None
     """Age of this state, seconds."""
 
@@ -93,6 +98,26 @@ class Viewpoints:
     """The other viewpoints."""
     warning: str | None
     """The part of the workspace that the reachable viewpoints do not show well. None if there is no such part."""
+
+
+@dataclass(frozen=True)
+class ScanValidation:
+    """What a scan would use. No scan was started, and no device was contacted."""
+
+    valid: bool
+    """True: the request is valid. A request that is not raises `ProblemError`."""
+    mode: str
+    """`live` or `replay`."""
+    recording: str | None
+    """Id of the recording. None for a live scan."""
+    method: str
+    """Recognition method."""
+    string_radius_m: float | None
+    """Radius that recognition would use, metres. None if it would be measured."""
+    all_grasps: bool
+    """Whether the model would also have the grasps on parts of strings with a doubt."""
+    viewpoints: Viewpoints | None
+    """Viewpoints of a live scan, planned from the last known posture of the arm. None for a replay."""
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,40 @@ class Progress:
 
 
 @dataclass(frozen=True)
+class ViewDurations:
+    """Durations of the parts of one view, seconds."""
+
+    index: int
+    """Number of the viewpoint."""
+    move: float
+    """Moving the arm to the viewpoint."""
+    settle: float
+    """Waiting at the viewpoint."""
+    exposure: float
+    """Capturing and reading the exposures."""
+
+
+@dataclass(frozen=True)
+class ScanTiming:
+    """Durations of the parts of a scan, seconds. Those that are not known are None."""
+
+    wait: float | None
+    """From the request until the work began."""
+    connect: float | None
+    """Connecting arm and camera. Nearly 0 if they were connected."""
+    plan: float | None
+    """Planning the viewpoints."""
+    views: tuple[ViewDurations, ...]
+    """The recorded views, by index."""
+    recognition: Mapping[str, float]
+    """Stages of recognition by their names, as in the model."""
+    to_model: float | None
+    """From the request until the model was complete."""
+    to_home: float | None
+    """From the request until the arm was home. It is known some seconds after the state is final."""
+
+
+@dataclass(frozen=True)
 class ScanSummary:
     """Summary of the model of a scan."""
 
@@ -155,9 +189,11 @@ class Scan:
     kept: bool
     """Whether a person has marked the scan to be kept."""
     calibration_sha256: str | None
-    """SHA-256 of the hand-eye calibration that a live scan was planned with."""
+    """SHA-256 of the hand-eye calibration that a live scan was planned with. None until it is planned."""
     simulated: bool | None
     """Whether the arm or the camera is simulated. None if the recording does not say."""
+    timing_s: ScanTiming
+    """Durations of its parts, seconds."""
     links: ScanLinks
     """Paths of the scan and its results."""
 
