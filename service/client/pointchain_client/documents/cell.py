@@ -105,7 +105,7 @@ class ScanValidation:
     """What a scan would use. No scan was started, and no device was contacted."""
 
     valid: bool
-    """True: the request is valid. A request that is not raises `ProblemError`."""
+    """Whether the request is valid. It always is, because another request raises `ProblemError`."""
     mode: str
     """`live` or `replay`."""
     recording: str | None
