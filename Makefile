@@ -5,7 +5,7 @@ CONSOLE := .ci/console service/openapi.json $(shell find service/console/web -ty
 
 MANUAL := .ci/docs $(shell find docs -type f -not -path '*/__pycache__/*')
 
-.PHONY: help setup demo quick test soak fuzz serve lint docs pictures bench wheel licences lock clean
+.PHONY: help setup demo quick test soak fuzz serve lint docs pictures api-examples bench wheel licences lock clean
 
 help:
 	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
@@ -18,6 +18,7 @@ help:
 	@echo 'make docs    build the manual, which the service serves at /manual'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
 	@echo 'make pictures  take the pictures of the console again, and measure how soon the page appears'
+	@echo 'make api-examples  record the examples in the description of the API again, and write openapi.json'
 	@echo 'make setup   make .venv, the console and the manual; the others do this first when needed'
 	@echo 'make wheel   build two wheels into dist/: the package, with console and manual, and the client'
 	@echo 'make licences  write LICENCES.md again: what each package may be used for'
@@ -75,6 +76,12 @@ lint: setup
 
 pictures: setup
 	@.venv/bin/python -m tests.service.console.pictures
+
+# The description contains the examples, so it is written after them.
+api-examples: .venv/.ready
+	@.venv/bin/python -m tests.service.api.record_examples
+	@.venv/bin/python -m service.app >service/openapi.json.new
+	@mv service/openapi.json.new service/openapi.json
 
 bench: .venv/.ready
 	@.venv/bin/pointchain bench

@@ -1,7 +1,6 @@
 """The HTTP service as an ASGI application: `create_app` builds it, and `python -m service.app` prints its OpenAPI."""
 
 import asyncio
-import json
 import sys
 from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
@@ -13,7 +12,7 @@ from starlette.staticfiles import StaticFiles
 from cell.control.cell import Cell
 from service.api.dependencies import Context
 from service.api.image_cache import ImageCache
-from service.api.openapi import operation_id, refine_openapi
+from service.api.openapi import format_json, operation_id, refine_openapi
 from service.api.problem_handlers import install_problem_handlers
 from service.api.response_cache import ResponseCache
 from service.api.routes import (
@@ -163,7 +162,7 @@ def _close(context: Context, audit: AuditLog) -> None:
 
 def openapi_document() -> str:
     """Return the OpenAPI description of the API, as committed in `service/openapi.json`."""
-    return json.dumps(create_app(load_config()).openapi(), indent=2) + "\n"
+    return format_json(create_app(load_config()).openapi())
 
 
 if __name__ == "__main__":

@@ -88,6 +88,10 @@ def test_every_package_folder_except_the_benchmarks_is_installed() -> None:
     assert sorted(PYPROJECT["tool"]["setuptools"]["packages"]) == sorted(folders - NOT_INSTALLED)
 
 
+def test_the_examples_of_the_api_are_installed() -> None:
+    assert PYPROJECT["tool"]["setuptools"]["package-data"]["service.api"] == ["examples.json"]
+
+
 def test_help_imports_no_heavy_library(tmp_path: Path) -> None:
     output = run_python(SHOW_HELP, cwd=tmp_path)
     status, modules = json.loads(output.splitlines()[-1])

@@ -1,9 +1,13 @@
 """Corrections of the OpenAPI document that FastAPI generates."""
 
+import json
+import re
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
+
+from service.api.examples import add_examples, read_examples
 
 
 def operation_id(route: APIRoute) -> str:
@@ -16,16 +20,23 @@ def links(*operations: str) -> dict[str, Any]:
     return {"links": {name: {"operationId": name, "parameters": {"id": "$response.body#/id"}} for name in operations}}
 
 
+def format_json(document: dict[str, Any]) -> str:
+    """Return an indented document. Each list of numbers is on one line."""
+    text = json.dumps(document, indent=2) + "\n"
+    return re.sub(r"\[\n([^][{}\"]+)\]", lambda numbers: f"[{' '.join(numbers[1].split())}]", text)
+
+
 def refine_openapi(app: FastAPI) -> None:
     """Correct the OpenAPI document of an application.
 
     Parameters are not nullable: a client may omit one, but no query or header can express null. An event stream is
-    described by the schema of its events, not as one text.
+    described by the schema of its events, not as one text. Requests and answers have the recorded examples.
     """
     generate = app.openapi
 
     def refined() -> dict[str, Any]:
         if app.openapi_schema is None:
+            examples = read_examples()
             for item in generate()["paths"].values():
                 for operation in item.values():
                     for parameter in operation.get("parameters", ()):
@@ -34,6 +45,7 @@ def refine_openapi(app: FastAPI) -> None:
                         for content in answer.get("content", {}).values():
                             if "itemSchema" in content:
                                 content.pop("schema", None)
+                    add_examples(operation, examples.get(operation["operationId"], {}))
         return app.openapi_schema or generate()
 
     app.openapi = refined
