@@ -69,7 +69,7 @@ async def _on_http_exception(request: Request, error: Exception) -> JSONResponse
     if error.status_code == 405:
         detail = f"{request.method} is not possible here"
         return _respond(request, "method-not-allowed", detail, headers, parameters={"method": request.method})
-    return _respond(request, "http-error", str(error.detail), headers, status=error.status_code)
+    return _respond(request, "http-error", str(error.detail), headers)
 
 
 async def _on_invalid_request(request: Request, error: Exception) -> JSONResponse:

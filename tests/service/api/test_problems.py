@@ -12,6 +12,7 @@ import pytest
 
 from cell.control.cell import Cell
 from cell.errors import TooEarlyError
+from service.api.routes import console
 from service.storage.scan_store import ScanStore
 
 Serve = Callable[..., AbstractContextManager[httpx2.Client]]
@@ -98,6 +99,17 @@ def test_an_unexpected_error_is_logged_and_not_sent(
     # the log is written after the answer
     while not any("secret" in str(record.exc_info) for record in caplog.records):
         time.sleep(0.01)
+
+
+def test_a_file_without_permission_is_an_error_of_the_framework(
+    own: httpx2.Client, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
+) -> None:
+    def refuse(_: str) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(console.FILES, "config_checked", True)  # the console may not be built
+    monkeypatch.setattr(console.FILES, "lookup_path", refuse)
+    assert_problem(own.get("/console/main.js"), 400, "http-error")
 
 
 def test_a_service_that_cannot_run_a_scan_is_not_ready(
