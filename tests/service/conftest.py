@@ -24,6 +24,7 @@ from service.config.loader import ServiceConfig
 from service.states import ACTIVE_STATES
 from tests.service.described_answers import check_declared, described_operation
 from tests.service.faults.figures import Figures
+from tests.service.observed_problems import OBSERVED, check_observed, observe_answer
 
 # This only bounds a hang. A busy machine may take long to start a process.
 PATIENCE_S = 120.0
@@ -35,7 +36,7 @@ class ServedClient(httpx2.Client):
     def __init__(self, app: FastAPI, port: int) -> None:
         super().__init__(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S)
         self.app = app
-        self.event_hooks["response"].append(check_problem)
+        self.event_hooks["response"] += [observe_answer, check_problem]
 
     @property
     def recognition_pid(self) -> int:
@@ -54,6 +55,15 @@ def check_problem(answer: httpx2.Response) -> None:
 
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
+
+
+@pytest.fixture(autouse=True)
+def _problems_are_observed(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Check after a test with the marker `problem(slug, ...)` that these problems were observed."""
+    slugs = {slug for mark in request.node.iter_markers("problem") for slug in mark.args}
+    OBSERVED.clear()
+    yield
+    check_observed(slugs)
 
 
 @pytest.fixture(scope="session")

@@ -87,6 +87,7 @@ def test_a_too_early_request_has_a_retry_after(
     assert answer.headers["Retry-After"] == "4"  # whole seconds, rounded up
 
 
+@pytest.mark.problem("internal")
 def test_an_unexpected_error_is_logged_and_not_sent(
     own: httpx2.Client,
     assert_problem: AssertProblem,
@@ -101,6 +102,7 @@ def test_an_unexpected_error_is_logged_and_not_sent(
         time.sleep(0.01)
 
 
+@pytest.mark.problem("http-error")
 def test_a_file_without_permission_is_an_error_of_the_framework(
     own: httpx2.Client, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
 ) -> None:
@@ -112,6 +114,7 @@ def test_a_file_without_permission_is_an_error_of_the_framework(
     assert_problem(own.get("/console/main.js"), 400, "http-error")
 
 
+@pytest.mark.problem("not-ready")
 def test_a_service_that_cannot_run_a_scan_is_not_ready(
     own: httpx2.Client, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,6 +136,7 @@ def test_a_service_that_cannot_run_a_scan_is_not_ready(
         ("live", "body", "a JSON object is needed"),
     ],
 )
+@pytest.mark.problem("invalid-request")
 def test_a_scan_of_no_known_kind_is_refused_in_plain_words(
     own: httpx2.Client, assert_problem: AssertProblem, body: object, where: str, what: str
 ) -> None:

@@ -89,6 +89,7 @@ def test_slots_are_limited_in_total_and_per_caller() -> None:
             slots_taken.enter_context(slots.acquire(None))
 
 
+@pytest.mark.problem("too-many-streams")
 def test_a_stream_beyond_the_limit_is_refused_until_a_slot_is_free(
     quick: ServedClient, service: Context, scan: str, assert_problem: AssertProblem
 ) -> None:

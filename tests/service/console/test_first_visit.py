@@ -55,6 +55,7 @@ def test_only_built_files_are_served(
         assert_problem(client.get(path), 404, "not-found")
 
 
+@pytest.mark.problem("console-not-built")
 def test_the_api_works_without_a_built_console(
     serve: Serve,
     tmp_path: Path,

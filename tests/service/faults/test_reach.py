@@ -22,6 +22,7 @@ FAR_M = (0.55, 0.85)
 
 
 @pytest.mark.fault(18)
+@pytest.mark.problem("viewpoints-unreachable")
 def test_unreachable_viewpoints_are_refused_or_left_missing(
     serve: Serve, tmp_path: Path, assert_problem: Problem, finished: Finished
 ) -> None:

@@ -68,6 +68,7 @@ def assert_kept(cell: LiveCell, scan: dict[str, Any], min_views: int) -> None:
     "fault", [pytest.param("drop", marks=pytest.mark.fault(7)), pytest.param("freeze", marks=pytest.mark.fault(8))]
 )
 @rounds(1, 50)
+@pytest.mark.problem("robot-lost")
 def test_a_lost_robot_fails_the_scan_and_causes_a_fault(
     *, cell: LiveCell, finished: Finished, assert_problem: Problem, figures: Figures, fault: str, count: int
 ) -> None:
@@ -100,6 +101,7 @@ def test_a_lost_robot_fails_the_scan_and_causes_a_fault(
 
 @pytest.mark.fault(9, 10)
 @rounds(1, 50)
+@pytest.mark.problem("acknowledge-required", "no-fault", "protective-stop", "too-early")
 def test_only_a_person_acknowledges_a_protective_stop(
     *, cell: LiveCell, finished: Finished, assert_problem: Problem, figures: Figures, count: int
 ) -> None:
@@ -158,6 +160,7 @@ def unlock_times(cell: LiveCell, since: int) -> list[float]:
 
 @pytest.mark.fault(11)
 @pytest.mark.parametrize("fault", ["local_mode", "foreign_program"])
+@pytest.mark.problem("robot-not-ready")
 def test_a_robot_in_other_use_receives_no_program(cell: LiveCell, fault: str) -> None:
     cell.client.post("/api/cell/connect")
     cell.client.post("/api/cell/stop")

@@ -127,6 +127,7 @@ def test_a_scan_that_is_being_planned_ends_without_a_motion(
     assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # a later request moves the arm
 
 
+@pytest.mark.problem("stopped")
 def test_a_stop_refuses_a_release_that_waits_for_the_move_home(
     cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ def scan_log(caplog: pytest.LogCaptureFixture) -> Iterator[Callable[[], list[tup
         yield lines
 
 
+@pytest.mark.problem("aborted")
 def test_a_cancelled_scan_is_logged(
     client: ServedClient, recording: str, held: int, finished: Finished, scan_log: Callable[[], list[tuple[str, str]]]
 ) -> None:

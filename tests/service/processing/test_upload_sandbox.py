@@ -112,6 +112,7 @@ raise IndexError
     assert not target.exists() or target.read_bytes() == b""
 
 
+@pytest.mark.problem("recording-refused")
 def test_an_upload_that_crashes_the_reader_is_a_problem_and_leaves_nothing(
     client: httpx2.Client, recording_file: Path, assert_problem: AssertProblem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -102,6 +102,7 @@ def test_a_link_is_not_followed_except_for_a_folder(folder: DataFolder, tmp_path
     other.close()
 
 
+@pytest.mark.problem("outside-data-folder")
 def test_a_link_instead_of_a_recording_is_refused(
     client: ServedClient, recording: str, tmp_path: Path, assert_problem: AssertProblem
 ) -> None:

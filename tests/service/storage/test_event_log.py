@@ -364,6 +364,7 @@ def test_an_invalid_event_id_is_refused(
         assert_problem(client.get(path, headers={"Last-Event-ID": last}), 422, "invalid-request")
 
 
+@pytest.mark.problem("event-unknown")
 def test_an_unknown_event_is_refused(
     client: httpx2.Client, followed: FollowedScan, assert_problem: AssertProblem
 ) -> None:

@@ -97,6 +97,7 @@ def client(
 
 
 @pytest.mark.parametrize("state", ACTIVE_STATES)
+@pytest.mark.problem("interrupted")
 def test_runs_of_a_killed_service_are_interrupted(
     client: httpx2.Client, earlier_runs: dict[str, CalibrationRow], state: str
 ) -> None:
@@ -118,6 +119,7 @@ def test_runs_are_listed_the_newest_first(client: httpx2.Client, earlier_runs: d
     assert [run["id"] for run in client.get(f"{RUNS}?limit=2&before={ids[1]}").json()["runs"]] == ids[2:4]
 
 
+@pytest.mark.problem("not-cancellable")
 def test_a_refused_or_missing_result_is_not_activated(
     client: httpx2.Client, earlier_runs: dict[str, CalibrationRow], assert_problem: Problem
 ) -> None:

@@ -52,6 +52,7 @@ def test_the_recording_goes_with_its_last_scan(
     assert_problem(client.get(address), 404, "recording-not-found")
 
 
+@pytest.mark.problem("scan-kept")
 def test_a_kept_scan_is_not_removed(
     client: ServedClient, own_scan: dict[str, Any], assert_problem: AssertProblem
 ) -> None:
@@ -63,6 +64,7 @@ def test_a_kept_scan_is_not_removed(
     assert client.delete(address).status_code == 204
 
 
+@pytest.mark.problem("scan-active")
 def test_a_scan_that_has_not_ended_is_not_removed(
     client: ServedClient, recording: str, assert_problem: AssertProblem
 ) -> None:

@@ -70,6 +70,7 @@ def test_the_address_without_a_slash_is_redirected(client: ServedClient) -> None
 
 
 @pytest.mark.usefixtures("pages")
+@pytest.mark.problem("method-not-allowed")
 def test_the_manual_can_only_be_read(client: ServedClient, assert_problem: AssertProblem) -> None:
     for path in ("/manual", "/manual/", "/manual/index.html"):
         answer = client.post(path, headers={"X-Pointchain": "test"})
@@ -101,6 +102,7 @@ def test_no_other_file_is_served(client: ServedClient, assert_problem: AssertPro
     assert "secret" not in answer.json()["detail"]
 
 
+@pytest.mark.problem("manual-not-built")
 def test_the_service_works_without_a_built_manual(
     client: ServedClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, assert_problem: AssertProblem
 ) -> None:

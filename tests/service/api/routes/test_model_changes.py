@@ -69,6 +69,7 @@ def test_the_etag_depends_on_both_scans(client: ServedClient, scan: dict[str, An
     assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", etag)
 
 
+@pytest.mark.problem("scan-not-found")
 def test_another_scan_without_a_model_is_refused(
     client: ServedClient, later: dict[str, Any], assert_problem: AssertProblem
 ) -> None:

@@ -23,6 +23,7 @@ AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
+@pytest.mark.problem("damaged")
 def test_a_damaged_recording_is_not_reprocessed(
     client: ServedClient, recording: str, finished: Finished, assert_problem: AssertProblem
 ) -> None:

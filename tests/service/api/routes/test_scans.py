@@ -132,6 +132,7 @@ def test_a_scan_without_a_string_has_a_note(client: httpx2.Client, finished: Fin
     assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")
 
 
+@pytest.mark.problem("no-depth")
 def test_views_without_depth_fail_the_scan(
     client: httpx2.Client, recording_file: Path, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
 ) -> None:
@@ -254,6 +255,7 @@ def test_every_refusal_is_a_problem(
     assert_problem(client.request(method, path), status, slug)
 
 
+@pytest.mark.problem("cell-busy")
 def test_only_one_scan_runs_at_a_time(
     client: httpx2.Client, recording: str, finished: Finished, assert_problem: AssertProblem, held: int
 ) -> None:
@@ -293,6 +295,7 @@ def test_a_scan_can_be_cancelled_and_the_next_one_succeeds(
     assert_problem(client.post(done["links"]["self"] + "/cancel"), 409, "not-cancellable")
 
 
+@pytest.mark.problem("recognition-crashed")
 def test_a_crash_of_recognition_fails_only_its_scan(
     client: httpx2.Client, recording: str, finished: Finished, held: int
 ) -> None:

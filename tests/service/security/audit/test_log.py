@@ -119,6 +119,7 @@ def test_a_change_of_the_tokens_is_written(
     assert not (fresh / DATABASE).exists()
 
 
+@pytest.mark.problem("unauthorized")
 def test_repeated_refusals_are_written_once_and_counted(guarded: Guarded) -> None:
     known = len(entries(guarded.data))
     for _ in range(20):

@@ -51,6 +51,7 @@ def test_the_reported_name_is_allowed(listen_host: str, name: str) -> None:
     assert (f"[{name}]" if ":" in name else name) in AllowedHosts(listen_host, ())
 
 
+@pytest.mark.problem("host-not-allowed")
 def test_a_rebound_name_is_refused(client: ServedClient) -> None:
     for path in ("/api/cell", "/docs", "/healthz"):
         answer = client.get(path, headers={"Host": "evil.example"})
@@ -116,6 +117,7 @@ def test_headers_that_any_page_can_send_do_not_suffice() -> None:
         check("GET", sec_fetch_site=site, sec_fetch_mode="navigate")  # a person follows a link
 
 
+@pytest.mark.problem("cross-origin")
 def test_a_cross_origin_post_is_refused_and_a_preflight_gets_no_permission(client: ServedClient) -> None:
     before = client.get("/api/scans").json()
     simple = {"Origin": "http://evil.example", "Content-Type": "text/plain"}

@@ -88,6 +88,7 @@ def test_two_tokens_in_one_request_are_refused(guarded: Guarded, assert_problem:
     assert_problem(guarded.client.get("/api/cell", headers=both), 401, "unauthorized")
 
 
+@pytest.mark.problem("forbidden")
 def test_each_role_reaches_its_routes_only(guarded: Guarded, assert_problem: AssertProblem) -> None:
     """The refusal of an invalid body shows that the request reached its route."""
     cases = (
@@ -138,6 +139,7 @@ def test_a_token_is_valid_at_once_and_removed_at_once(guarded: Guarded, assert_p
 
 
 @pytest.mark.parametrize("query", ["token={}", "access_token={}", "API_KEY=x", "a=1&key=x", "limit={}", "%74oken=x"])
+@pytest.mark.problem("token-in-query")
 def test_a_token_in_an_address_is_refused_even_if_it_is_valid(
     guarded: Guarded, assert_problem: AssertProblem, query: str, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -132,6 +132,7 @@ def test_the_body_of_an_unknown_caller_is_not_read(guarded: Guarded) -> None:
 
 @pytest.mark.parametrize("headers", [{"Content-Encoding": "gzip"}, {"Content-Type": "multipart/form-data; boundary=b"}])
 @pytest.mark.parametrize("path", ["/api/scans", "/api/recordings"])
+@pytest.mark.problem("encoded-body")
 def test_an_encoded_body_is_refused_by_name(
     client: ServedClient, assert_problem: AssertProblem, path: str, headers: dict[str, str]
 ) -> None:
@@ -149,6 +150,7 @@ def test_json_with_another_content_type_is_refused_by_name(client: ServedClient,
     assert client.post("/api/cell/stop", content=b"", headers=form).status_code == 200
 
 
+@pytest.mark.problem("target-too-long")
 def test_a_long_address_and_large_headers_are_refused(client: ServedClient, assert_problem: AssertProblem) -> None:
     assert_problem(client.get("/api/scans?before=" + "a" * 3000), 414, "target-too-long")
     assert_problem(client.get("/api/scans/" + "a" * 3000), 414, "target-too-long")
