@@ -253,6 +253,8 @@ def record_live_scans(recorder: Recorder) -> dict[str, Any]:
     recorder.keep_events(all_events, "live", "A scan by the arm")
     wait_until(lambda: recorder.get("/api/cell")["state"] != "busy")
 
+    checked = {"mode": "live", "views": 4, "validate_only": True}
+    recorder.record("validated", "A request that is only checked", *start, checked)
     radius = {"mode": "live", "views": 6, "string_radius_m": 0.004}
     answer = recorder.record("radius", "A string of known radius, 6 viewpoints", *start, radius, keep_answer=False)
     address = answer.headers["Location"]
