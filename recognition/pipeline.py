@@ -30,7 +30,7 @@ from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocessing.coverage import coverage_findings
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
-from recognition.radius_estimation import estimate_parameters
+from recognition.radius_estimation import estimate_parameters, other_radius_findings
 from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
 from recognition.shirakawa.chains import assemble_chains
@@ -176,14 +176,14 @@ def recognise(
 
     timer.begin("preprocess")
     views = timer.exclude_waiting(views)
+    measured = parameters is None
     if parameters is None:
         views = list(views)
         parameters = estimate_parameters(views, scene)
     parameters = parameters.with_settings(settings)
     ingested = ingest_views(views, parameters, scene)
     if ingested.no_string_reason is not None:
-        timer.end()
-        return _without_string(ingested, ingested.no_string_reason, method, parameters, scene, timer.timing_s)
+        return _without_string(ingested, method, parameters, scene, timer, measured)
 
     timer.begin("registration")
     registration = register(ingested.clouds, parameters, ingested.correspondences)
@@ -219,8 +219,8 @@ def recognise(
     unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
     chains, touching = mark_touching_ends(chains)
-    captured = [target.view for target in ingested.targets]
     findings = (
+        *(() if measured else other_radius_findings(ingested.views, scene, parameters, chains, assembly.findings)),
         *crossings.findings,
         *connections,
         *sharp_bend_findings(chains),
@@ -230,7 +230,7 @@ def recognise(
         *unobserved_end_findings(chains, scene, parameters),
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
-        *view_findings(registration.views + ingested.excluded, captured, chains),
+        *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )
 
@@ -271,17 +271,20 @@ def _check_request(method: str, settings: Mapping[str, float]) -> None:
 
 def _without_string(
     ingested: IngestedViews,
-    reason: str,
     method: Method,
     parameters: ChainParameters,
     scene: Scene,
-    timing_s: dict[str, float],
+    timer: _StageTimer,
+    measured: bool,
 ) -> Recognition:
-    """Return a model without chains, with `reason` and the finding on table coverage."""
+    """Return a model without chains, with the reason and the findings on another radius and on table coverage."""
+    assert ingested.no_string_reason is not None
     findings = (
-        finding("no-string-in-view", reason),
+        *(() if measured else other_radius_findings(ingested.views, scene, parameters, (), ())),
+        finding("no-string-in-view", ingested.no_string_reason),
         *view_findings(ingested.excluded, [target.view for target in ingested.targets], ()),
         *coverage_findings(ingested.targets, (), scene),
     )
+    timer.end()
     quality = Quality(ingested.excluded, most_serious_first(findings))
-    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timing_s), ingested.targets)
+    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timer.timing_s), ingested.targets)

@@ -7,11 +7,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from recognition.centre_line import estimate_centre_line
-from recognition.errors import RadiusUnknownError
+from recognition.errors import RadiusUnknownError, RecognitionError
 from recognition.geometry.polyline import arc_length
+from recognition.messages import format_position
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding, finding
 from recognition.parameters import R_MAX, R_MIN, ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene, preprocess
-from recognition.refinement.refinement import refine
+from recognition.refinement.refinement import FittedStrand, refine
 from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
 from recognition.tracing.height_map import HeightMap
@@ -36,6 +39,11 @@ MAX_HEIGHT_WIDTH_RATIO = 2.0
 """Maximum ratio of height to width, and of width to height, at a ridge cell of a string."""
 MIN_LENGTH_M = 0.02
 """Minimum extent of a connected piece of cells along x or y, metres. Smaller pieces are noise."""
+THINNER = ("radius-smaller", "radius-much-smaller")
+"""Codes of chains that are thinner than the given radius."""
+MIN_MISSED_RADII = 20
+"""Minimum length of missed string that contradicts the given radius, in measured radii. Edges of objects and noise that
+look like tubes of some radius are shorter."""
 MIN_RIDGE_CELLS = 20
 """Minimum number of ridge cells for a measurement of the radius."""
 
@@ -58,25 +66,73 @@ def estimate_parameters(views: Sequence[DepthView], scene: Scene) -> ChainParame
         RadiusUnknownError: Points above the table exist, but they do not allow a radius to be measured.
         RecognitionError: The views cannot be used, as for `recognition.pipeline.recognise`.
     """
+    rough, strings = _find_strings(views, scene)
+    return ChainParameters.for_radius(_median_radius(strings)) if strings else rough
+
+
+def other_radius_findings(
+    views: Sequence[DepthView],
+    scene: Scene,
+    parameters: ChainParameters,
+    chains: Sequence[Chain],
+    findings: Sequence[Finding],
+) -> tuple[Finding, ...]:
+    """Return the finding on strings that are missed because they do not have the given radius.
+
+    If there is no chain, or one is thinner than the given radius, the radius is measured as if none was given. If that
+    finds much more string than the chains have, the given radius is wrong. The measurement takes as long as the
+    recognition itself.
+
+    Args:
+        views: Views that the chains were recognised in.
+        scene: Table height and workspace.
+        parameters: Parameters for the given radius.
+        chains: Recognised chains, perhaps none.
+        findings: Findings on the chains.
+    """
+    if chains and not any(found.code in THINNER for found in findings):
+        return ()
+    try:
+        _, strings = _find_strings(views, scene)
+    except RecognitionError:
+        return ()  # nothing looks like a string of any radius
+    lengths = [arc_length(string.points)[-1] for string in strings]
+    missed_m = sum(lengths) - sum(chain.length_m for chain in chains)
+    if not strings or missed_m < MIN_MISSED_RADII * _median_radius(strings):
+        return ()
+    radius, longest = _median_radius(strings), strings[int(np.argmax(lengths))].points
+    middle = longest[len(longest) // 2]
+    found = "no string" if not chains else f"only {(sum(lengths) - missed_m) * 1000:.0f} mm of string"
+    message = (
+        f"with the radius {parameters.r * 1000:.1f} mm {found} was found, but {sum(lengths) * 1000:.0f} mm with a "
+        f"measured radius of {radius * 1000:.1f} mm, for example at {format_position(middle)}: recognise the scan "
+        "again with this radius, or with none"
+    )
+    return (finding("string-of-other-radius", message, point=middle, value=radius),)
+
+
+def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParameters, Sequence[FittedStrand]]:
+    """Return parameters for a rough radius, and the strings found with them. Raises as `estimate_parameters`."""
     probe = ChainParameters.for_radius(PROBE_R)
     targets = [preprocess(view, probe, scene) for view in views]
     if sum(len(target.points) for target in targets) < MIN_POINTS:
-        return ChainParameters.for_radius(PAPER_R)
+        return ChainParameters.for_radius(PAPER_R), ()
     rough = ChainParameters.for_radius(estimate_rough_radius([target.points for target in targets], scene.table_z_m))
     ingested = ingest_views(views, rough, scene)
     if ingested.no_string_reason is not None:
-        return rough
+        return rough, ()
     registration = register(ingested.clouds, rough, ingested.correspondences)
     centre_line = estimate_centre_line(registration.points, registration.normals, rough)
     graph = trace_strands(centre_line.unaveraged, HeightMap(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
-    strings = classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
-    if not strings:
-        return rough
+    return rough, classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
+
+
+def _median_radius(strings: Sequence[FittedStrand]) -> float:
+    """Return the length-weighted median of the measured radii, metres."""
     by_radius = sorted(strings, key=lambda string: string.measured_radius_m)
     length = np.cumsum([arc_length(string.points)[-1] for string in by_radius])
-    median = by_radius[int(np.searchsorted(length, length[-1] / 2))]
-    return ChainParameters.for_radius(median.measured_radius_m)
+    return by_radius[int(np.searchsorted(length, length[-1] / 2))].measured_radius_m
 
 
 def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: float) -> float:

@@ -16,6 +16,8 @@ from recognition.registration.correspondences import Correspondences, find_corre
 class IngestedViews:
     """Preprocessed views, ready for registration."""
 
+    views: Sequence[DepthView]
+    """All views, as they arrived."""
     targets: Sequence[TargetCloud]
     """Target clouds of all views."""
     clouds: Sequence[NormalCloud]
@@ -45,6 +47,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
         NoDepthError: No view measured anything in the workspace.
         TooCrowdedError: Most views have too many points above the table for a scene of strings.
     """
+    arrived: list[DepthView] = []
     targets: list[TargetCloud] = []
     clouds: list[NormalCloud] = []
     correspondences: list[Correspondences] = []
@@ -52,6 +55,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     for view in views:
         if view.index in {target.view for target in targets}:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
+        arrived.append(view)
         targets.append(target := preprocess(view, parameters, scene))
         if exclusion_reason(target) is not None:
             continue
@@ -65,7 +69,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     selection = select_views(targets)
     if selection.no_string_reason is not None:
         threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
-        return IngestedViews(targets, (), (), selection.excluded, f"{selection.no_string_reason} {threshold}")
+        return IngestedViews(arrived, targets, (), (), selection.excluded, f"{selection.no_string_reason} {threshold}")
     if len(clouds) < max(MIN_VIEWS, len(crowded)):
         raise next(iter(crowded.values()))
     excluded = selection.excluded + tuple(
@@ -73,4 +77,4 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
         for target in selection.used
         if target.view in crowded
     )
-    return IngestedViews(targets, clouds, correspondences, excluded, None)
+    return IngestedViews(arrived, targets, clouds, correspondences, excluded, None)

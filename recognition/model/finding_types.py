@@ -33,6 +33,7 @@ FindingCode = Literal[
     "above-table",
     "radius-much-smaller",
     "possible-string",
+    "string-of-other-radius",
     "table-not-covered",
     "scene-changed",
     "calibration-drift",
@@ -169,6 +170,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Check the radius, and give that of the thinnest string. Otherwise scan again from more views.",
         decision="scan again",
         value="length of the piece, m",
+    ),
+    "string-of-other-radius": FindingType(
+        severity="doubt",
+        scope="model",
+        meaning="Much more string is found with a measured radius than with the given one, which is probably wrong.",
+        action="Recognise the scan again with the measured radius or with none. Correct the configured radius.",
+        decision="recognise again",
+        value="measured radius, m",
     ),
     "table-not-covered": FindingType(
         severity="doubt",

@@ -11,6 +11,8 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.errors import RadiusUnknownError
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.radius_estimation import MAX_HEIGHT_M, PAPER_R, estimate_parameters, estimate_rough_radius
 
@@ -61,6 +63,28 @@ def test_it_is_the_radius_of_the_fitted_tube_not_half_the_height() -> None:
     # 2 mm above the table it is 5.2 mm by its height.
     raised = replace(lying, curves=tuple(curve + np.array([0.0, 0.0, 0.002]) for curve in lying.curves))
     assert measured(raised) == pytest.approx(0.0042, rel=WITHIN)
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.5, 1.8, 2.5])
+def test_a_string_that_a_wrong_radius_misses_is_a_doubt(factor: float) -> None:
+    scan = scan_of(strings((0.2, 0.0042), (0.2, 0.0042)))
+    model = recognise(
+        scan.views, ChainParameters.for_radius(factor * 0.0042), Scene(0.0, scan.header.workspace_m)
+    ).model
+    assert model.chains == ()
+    assert model.quality.verdict == "review"
+    (found,) = [found for found in model.quality.findings if found.code == "string-of-other-radius"]
+    assert found.value == pytest.approx(0.0042, rel=WITHIN)
+    assert found.point_m is not None
+    assert min(abs(found.point_m[1]), abs(found.point_m[1] - 0.03)) < 0.001  # on one of the two strings
+
+
+@pytest.mark.parametrize("r", [0.0015, 0.0042, 0.012])
+def test_a_table_without_a_string_gives_no_such_doubt(r: float) -> None:
+    for boxes in ((), (Box((0.0, 0.0), (0.08, 0.05, 0.02), 0.2), Box((0.07, 0.06), (0.1, 0.006, 0.01), 1.0))):
+        scan = scan_of(strings(boxes=boxes))
+        model = recognise(scan.views, ChainParameters.for_radius(r), Scene(0.0, scan.header.workspace_m)).model
+        assert not any(found.code == "string-of-other-radius" for found in model.quality.findings)
 
 
 def test_for_a_bar_without_a_fitted_tube_it_is_half_the_height() -> None:
