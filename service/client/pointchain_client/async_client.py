@@ -108,6 +108,16 @@ class AsyncClient:
         body = flows.replay_request(recording_id, string_radius_m, method, all_grasps)
         return await self._run(flows.start_and_wait(self._service, body, timeout_s), on_progress)
 
+    async def reprocess(
+        self,
+        scan: ScanRef,
+        request: Mapping[str, Any] | None = None,
+        on_progress: Callable[[ScanProgress], object] | None = None,
+        timeout_s: float | None = None,
+    ) -> Scan:
+        """Recognise the recording of a scan again. Nothing moves. See `Client.reprocess`."""
+        return await self._run(flows.reprocess(self._service, scan, request or {}, timeout_s), on_progress)
+
     async def start(self, request: Mapping[str, Any], key: str | None = None) -> Scan:
         """Start a scan and return it without waiting for its end. See `Client.start`."""
         return await self._run(flows.start(self._service, request, key))
@@ -147,6 +157,14 @@ class AsyncClient:
         """Return which chain of an earlier scan is which chain of this one. See `Client.changes`."""
         return await self._run(flows.changes(self._service, scan, since))
 
+    async def keep(self, scan: ScanRef, kept: bool = True) -> Scan:
+        """Protect a scan and its recording from removal, or end the protection. See `Client.keep`."""
+        return await self._run(flows.keep(self._service, scan, kept))
+
+    async def delete(self, scan: ScanRef) -> None:
+        """Remove a scan that has ended, with its results. See `Client.delete`."""
+        await self._run(flows.delete(self._service, scan))
+
     async def upload(self, recording: str | os.PathLike[str]) -> Recording:
         """Upload a recording under the name of its file. See `Client.upload`."""
         with await asyncio.to_thread(Path(recording).open, "rb") as file:
@@ -170,9 +188,9 @@ class AsyncClient:
         """Connect arm and camera, and return the cell. Nothing moves. See `Client.connect`."""
         return await self._run(flows.connect(self._service))
 
-    async def release(self) -> None:
+    async def release(self) -> Cell:
         """Wait until the arm is home and release it, so that another program can move it. See `Client.release`."""
-        await self._run(flows.release(self._service))
+        return await self._run(flows.release(self._service))
 
     async def acknowledge(self) -> None:
         """Acknowledge a fault, after a person has inspected the cell and says so. See `Client.acknowledge`."""

@@ -143,6 +143,30 @@ class Client:
         body = flows.replay_request(recording_id, string_radius_m, method, all_grasps)
         return self._run(flows.start_and_wait(self._service, body, timeout_s), on_progress)
 
+    def reprocess(
+        self,
+        scan: ScanRef,
+        request: Mapping[str, Any] | None = None,
+        on_progress: Callable[[ScanProgress], object] | None = None,
+        timeout_s: float | None = None,
+    ) -> Scan:
+        """Recognise the recording of a scan again, and return the new scan when it has a model. Nothing moves.
+
+        Args:
+            scan: The scan, its model, or its id. It may have ended in any state.
+            request: Body of `POST /api/scans/SCAN/reprocess`, for example `{"string_radius_m": None}` to measure the
+                radius. Members that are absent are as in the scan.
+            on_progress: Called with each change of the new scan.
+            timeout_s: Time limit, seconds. None: no limit.
+
+        Raises:
+            ProblemError: The request was refused, for example because the scan has no recording.
+            ScanFailedError: The new scan ended without a model. The error has the reason.
+            UnreachableError: The service cannot be reached, or the answer was lost. The error says which.
+            NotEndedError: The new scan has not ended within the time limit. It continues.
+        """
+        return self._run(flows.reprocess(self._service, scan, request or {}, timeout_s), on_progress)
+
     def start(self, request: Mapping[str, Any], key: str | None = None) -> Scan:
         """Start a scan and return it without waiting for its end.
 
@@ -259,6 +283,31 @@ class Client:
         """
         return self._run(flows.changes(self._service, scan, since))
 
+    def keep(self, scan: ScanRef, kept: bool = True) -> Scan:
+        """Protect a scan and its recording from removal, or end the protection. Return the scan.
+
+        Args:
+            scan: The scan, its model, or its id.
+            kept: Whether the scan is kept.
+
+        Raises:
+            ProblemError: There is no such scan.
+            UnreachableError: The service did not answer.
+        """
+        return self._run(flows.keep(self._service, scan, kept))
+
+    def delete(self, scan: ScanRef) -> None:
+        """Remove a scan that has ended, with its results, and its recording if no other scan uses it.
+
+        Args:
+            scan: The scan, its model, or its id.
+
+        Raises:
+            ProblemError: The scan has not ended (`scan-active`), is protected (`scan-kept`), or does not exist.
+            UnreachableError: The service did not answer. The scan may have been removed.
+        """
+        self._run(flows.delete(self._service, scan))
+
     def upload(self, recording: str | os.PathLike[str]) -> Recording:
         """Upload a recording under the name of its file.
 
@@ -317,16 +366,16 @@ class Client:
         """
         return self._run(flows.connect(self._service))
 
-    def release(self) -> None:
-        """Wait until the arm is home and release it, so that another program can move it.
+    def release(self) -> Cell:
+        """Wait until the arm is home and release it, so that another program can move it. Return the cell.
 
-        After a stop, the arm is released where it stands.
+        After a stop, the arm is released where it stands, and `robot.at_home` of the cell is false.
 
         Raises:
             ProblemError: `stopped`: The arm was stopped during the call. It is not home, and must not be moved.
             UnreachableError: The service did not answer.
         """
-        self._run(flows.release(self._service))
+        return self._run(flows.release(self._service))
 
     def acknowledge(self) -> None:
         """Acknowledge a fault. Call this only after a person has inspected the cell and says so.

@@ -112,12 +112,12 @@ def id_of(scan: ScanRef) -> str:
 # Scans
 
 
-def start(service: str, body: Mapping[str, Any], key: str | None) -> Flow[Scan]:
+def start(service: str, body: Mapping[str, Any], key: str | None, path: str = SCANS) -> Flow[Scan]:
     """Start a scan. If its key is still being processed, wait for the answer."""
     if body.get("validate_only"):
         raise ValueError("a request with validate_only starts no scan; use validate")
     key = key or uuid4().hex
-    request = Request("POST", SCANS, json=dict(body), headers={"Idempotency-Key": key})
+    request = Request("POST", path, json=dict(body), headers={"Idempotency-Key": key})
     end = time.monotonic() + ANSWER_TIMEOUT_S
     pending = False
     while True:
@@ -146,6 +146,17 @@ def start_and_wait(service: str, body: Mapping[str, Any], timeout_s: float | Non
     """Start a scan and wait until it has a model."""
     scan = yield from start(service, body, None)
     return (yield from wait(service, scan, timeout_s))
+
+
+def reprocess(service: str, scan: ScanRef, body: Mapping[str, Any], timeout_s: float | None) -> Flow[Scan]:
+    """Recognise the recording of a scan again, and wait until there is a model."""
+    source = id_of(scan)
+    try:
+        started = yield from start(service, body, None, f"{scan_path(source)}/reprocess")
+    except UnansweredError as error:
+        text = f"the answer was lost ({error.__cause__}): if a scan was started, scans(source={source!r}) lists it"
+        raise UnreachableError(text) from error
+    return (yield from wait(service, started, timeout_s))
 
 
 def wait(service: str, scan: Scan | str, timeout_s: float | None) -> Flow[Scan]:
@@ -255,6 +266,17 @@ def cancel(service: str, scan: Scan) -> Flow[Scan]:
     return document_of(Scan, (yield from _post(service, f"{scan.links.self}/cancel")))
 
 
+def keep(service: str, scan: ScanRef, kept: bool) -> Flow[Scan]:
+    """Mark a scan to be kept, or remove the mark."""
+    path = f"{scan_path(id_of(scan))}/keep"
+    return document_of(Scan, (yield from _send(service, Request("PUT", path, json={"kept": kept}))))
+
+
+def delete(service: str, scan: ScanRef) -> Flow[None]:
+    """Remove a scan."""
+    yield from _send(service, Request("DELETE", scan_path(id_of(scan))))
+
+
 def upload(service: str, file: BinaryIO, recording: str | os.PathLike[str]) -> Flow[Recording]:
     """Upload an open recording under the name of its file."""
     name = os.fsencode(Path(recording).name).decode(errors="replace")  # a file name may be undecodable
@@ -298,9 +320,9 @@ def connect(service: str) -> Flow[Cell]:
     return document_of(Cell, (yield from _post(service, f"{CELL}/connect")))
 
 
-def release(service: str) -> Flow[None]:
+def release(service: str) -> Flow[Cell]:
     """Release the arm when it is home."""
-    yield from _post(service, f"{CELL}/release")
+    return document_of(Cell, (yield from _post(service, f"{CELL}/release")))
 
 
 def acknowledge(service: str) -> Flow[None]:
@@ -309,12 +331,16 @@ def acknowledge(service: str) -> Flow[None]:
 
 
 def _post(service: str, path: str, body: Mapping[str, Any] | None = None) -> Flow[httpx2.Response]:
+    return (yield from _send(service, Request("POST", path, json=body)))
+
+
+def _send(service: str, request: Request) -> Flow[httpx2.Response]:
     """Send a command, once."""
     try:
-        return require_success((yield Request("POST", path, json=body)))
+        return require_success((yield request))
     except httpx2.RequestError as error:
         raise UnreachableError(
-            f"{service} did not answer POST {path} ({error}): check the cell, then try again"
+            f"{service} did not answer {request.method} {request.path} ({error}): check the cell, then try again"
         ) from error
 
 

@@ -111,6 +111,22 @@ def test_a_model_has_its_changes_since_another_scan(planner: Client, recording: 
         planner.changes(without, since=before)
 
 
+def test_a_scan_is_reprocessed_kept_and_deleted(planner: Client, recording: str) -> None:
+    scan = planner.replay(recording, string_radius_m=0.004, timeout_s=PATIENCE_S)
+    again = planner.reprocess(scan, {"method": "matching", "string_radius_m": None}, timeout_s=PATIENCE_S)
+    assert (again.source, again.method, again.string_radius_m) == (scan.id, "matching", None)
+    assert planner.reprocess(planner.model(scan), timeout_s=PATIENCE_S).string_radius_m == 0.004
+    assert planner.keep(scan).kept
+    with pytest.raises(ProblemError) as kept:
+        planner.delete(scan)
+    assert kept.value.slug == "scan-kept"
+    assert not planner.keep(scan.id, kept=False).kept
+    planner.delete(scan)
+    with pytest.raises(ProblemError) as unknown:
+        planner.get(scan.id)
+    assert unknown.value.slug == "scan-not-found"
+
+
 def test_a_recording_can_be_uploaded_from_a_text_path(planner: Client, recording_file: Path) -> None:
     assert planner.upload(str(recording_file)).sha256 == planner.upload(recording_file).sha256
 
