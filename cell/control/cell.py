@@ -310,7 +310,7 @@ class Cell:
             plan, state = self._status.now.plan, self._equipment.latest_arm_state
             away = plan is not None and state is not None and not plan.is_home(state.q_rad)
             self._equipment.release_arm()
-            where = "where it stands, which is not its home posture," if away else "for other programs"
+            where = "where it stands, which is not its home posture" if away else "for other programs"
             reason = f"the arm was released {where}: connect, or start a live scan"
             self._status.change(state="not_ready", slug="released", reason=reason)
 

@@ -13,7 +13,7 @@ from service.api.dependencies import Before, Context, Id, Limit, Scan, Service, 
 from service.api.idempotency_header import RequesterDependency
 from service.api.openapi import links
 from service.api.pagination import Filter, paginate
-from service.api.problem_responses import CELL, problem_responses
+from service.api.problem_responses import problem_responses
 from service.api.response_cache import json_response
 from service.api.routes.recordings import require_recording_file
 from service.api.schemas.addresses import SCANS
@@ -55,7 +55,9 @@ STARTED = {
 _VALIDATED: dict[int | str, dict[str, Any]] = {
     200: {"model": ScanValidation, "description": "The request is valid; no scan was started (`validate_only`)"}
 }
-_START = STARTED | _VALIDATED | problem_responses(*_SUBMIT, *CELL, "viewpoints-unreachable")
+_KNOWN_AT_ONCE = ("acknowledge-required", "calibration", "config", "stopped", "viewpoints-unreachable")
+"""Problems of the cell that refuse a live scan. All others are known later, and become the problem of the scan."""
+_START = STARTED | _VALIDATED | problem_responses(*_SUBMIT, *_KNOWN_AT_ONCE)
 
 
 @router.post("", status_code=202, response_model=ScanResource, responses=_START)
