@@ -62,7 +62,7 @@ export function Start({ action }: { action: Action }) {
         kind="main"
         big
         work={start}
-        doing={mode === "live" ? t("scan.start.preparing") : t("common.starting")}
+        doing={t("common.starting")}
         disabled={invalid || obstacle !== null}
       >
         {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
