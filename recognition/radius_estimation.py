@@ -108,7 +108,7 @@ def other_radius_findings(
         f"measured radius of {radius * 1000:.1f} mm, for example at {format_position(middle)}: recognise the scan "
         "again with this radius, or with none"
     )
-    return (finding("string-of-other-radius", message, point=middle, value=radius),)
+    return (finding("string-of-other-radius", message, point=middle, value=radius, limit=parameters.r),)
 
 
 def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParameters, Sequence[FittedStrand]]:

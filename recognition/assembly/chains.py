@@ -136,7 +136,8 @@ def _radius_findings(chain: Chain, strand: FittedStrand, parameters: ChainParame
         message += ": parts and ends of thinner strings are missed; give the radius of the thinnest string"
     elif measured < parameters.r:
         code = "radius-smaller"
-        message += ": thinner strings beside it may be missed; give the radius of the thinnest string"
+        message += ": its ends may be some millimetres short, and thinner strings beside it may be missed; give the "
+        message += "radius of the thinnest string"
     else:
         code = "radius-larger"
     return [finding(code, message, chains=(chain.id,), value=measured, limit=parameters.r)]

@@ -106,7 +106,7 @@ class ChainDocument(_Document):
     """Number of the chain in the model, from 0."""
     closed: bool
     """A ring: the last point connects to the first, which is not repeated."""
-    radius_m: float
+    radius_m: Rounded
     """Radius of the string: the given radius, or the measured one if the data contradict the given one, metres."""
     length_m: Rounded
     """Length of the centre line, metres. For a ring, the length of the whole ring."""

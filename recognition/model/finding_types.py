@@ -219,7 +219,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "radius-smaller": FindingType(
         severity="note",
         scope="nothing",
-        meaning="The string is thinner than the given radius. Thinner strings beside it may be missed.",
+        meaning="The string is thinner than given. Its ends may be short by several sigma, and thinner strings missed.",
         action="Give the radius of the thinnest string.",
         decision="nothing",
         value="measured radius, m",

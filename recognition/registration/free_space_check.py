@@ -81,9 +81,9 @@ def find_inconsistent_views(
         i, j = divmod(int(contradictions.argmax()), len(clouds))
         raise ContradictingViewsError(
             f"views {clouds[i].view} and {clouds[j].view} contradict each other ({contradictions[i, j]:.0%} of the "
-            "surface in one view is free space in the other), and no majority of the views agrees: check that nothing "
-            "moved during the scan; if this happens again, check the hand-eye calibration, as the camera may have "
-            "moved on the flange"
+            "surface in one view is free space in the other), and no majority of the views agrees: check that the "
+            f"radius of {parameters.r * 1000:.1f} mm is not too small, and that nothing moved during the scan; if this "
+            "happens again, check the hand-eye calibration, as the camera may have moved on the flange"
         )
     median_error = float(np.median(robot_errors[kept]))
     for k in kept if len(kept) > 2 else []:

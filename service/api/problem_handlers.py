@@ -99,8 +99,18 @@ def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
             return {"where": f"{where}.{member}", "what": f"{tag!r} is not possible: give {possible}"}
         case "missing":
             return {"where": where, "what": "it is missing"}
+        case "extra_forbidden" if place == ["body", "recording"]:
+            return {"where": where, "what": "only a scan with the mode replay has a recording"}
+        case "extra_forbidden" if place == ["body", "views"]:
+            return {"where": where, "what": "only a scan with the mode live has a number of views"}
         case "extra_forbidden":
             return {"where": where, "what": "there is no such member"}
+        case "json_invalid":
+            return {"where": "body", "what": f"not JSON: {error['ctx']['error']} at character {place[-1]}"}
+        case "float_type":
+            return {"where": where, "what": "a number is needed"}
+        case "bool_type":
+            return {"where": where, "what": "true or false is needed"}
         case "model_attributes_type" | "model_type" | "dict_type":
             return {"where": where, "what": "a JSON object is needed"}
     return {"where": where, "what": error["msg"]}

@@ -163,7 +163,8 @@ class Jobs:
             job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
             kind = kind_of(row)
-            raise ServiceError("not-cancellable", f"the {kind} is {row.state} already", kind=kind, state=row.state)
+            detail = f"the {kind} has ended already: it is {row.state}"
+            raise ServiceError("not-cancellable", detail, kind=kind, state=row.state)
 
     def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
         """Stop the arm, and abort the job that uses it, if any.

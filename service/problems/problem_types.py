@@ -255,8 +255,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         title="Contradicting views",
         status=422,
         cause="The views do not show the same scene, and no majority of them agrees.",
-        action="Check that nothing moved, and that the string is not too thin for this camera, then scan again. If "
-        "this continues, verify the calibration.",
+        action="Check that the radius is not far too small, that nothing moved, and that the string is not too thin "
+        "for this camera; then scan again. If this continues, verify the calibration.",
         group="Check string and table",
     ),
     "insufficient-views": ProblemType(

@@ -309,7 +309,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "above-table": has("chains value limit", "above"),
     "radius-much-smaller": has("chains value limit", "below"),
     "possible-string": has("point value"),
-    "string-of-other-radius": has("point value"),
+    "string-of-other-radius": has("point value limit", "below"),
     "table-not-covered": has("value limit", "above"),
     "scene-changed": has("chains view"),
     "calibration-drift": has("chains value limit", "above"),

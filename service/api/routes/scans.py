@@ -44,8 +44,9 @@ _SUBMIT = (
     "invalid-request", "no-result", "not-ready", "recording-not-found", "storage-full", "too-large",
 )  # fmt: skip
 """Problem types of an operation that starts a scan."""
-STARTED = {
-    202: links(
+STARTED: dict[int | str, dict[str, Any]] = {
+    202: {"description": "The scan is accepted; follow it until it is `final`"}
+    | links(
         *("get_scan", "stream_scan_events", "cancel_scan", "keep_scan", "reprocess_scan"),
         *("get_model", "get_grasps", "get_cloud", "get_preview", "get_thumbnail", "get_views", "get_scan_recording"),
     )
@@ -182,9 +183,8 @@ def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own
     """
     scan = find_scan(id, service)
     if scan.kept:
-        raise ProblemError(
-            "scan-kept", f"scan {id} is marked to be kept; first remove the mark with PUT {SCANS}/{id}/keep", scan=id
-        )
+        detail = f'scan {id} is marked to be kept; first send {{"kept": false}} by PUT {SCANS}/{id}/keep'
+        raise ProblemError("scan-kept", detail, scan=id)
     if remove(service.store, "scan", id) is None:
         state = find_scan(id, service).state
         raise ProblemError("scan-active", f"scan {id} is {state}; wait for its end, or cancel it", scan=id, state=state)

@@ -54,10 +54,13 @@ class AsyncClient:
         Args:
             address: Address of the service.
             token: Token from `pointchain token add`. None: the service needs no token.
+
+        Raises:
+            ValueError: The address does not begin with `http://` or `https://`.
         """
         headers = flows.token_headers(token)
         timeout = httpx2.Timeout(flows.ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
-        self._service = address
+        self._service = flows.check_address(address)
         self._http = httpx2.AsyncClient(base_url=address, headers=headers, timeout=timeout)
         # separate, so that a running request never holds the connection that a stop needs
         self._stopping = httpx2.AsyncClient(base_url=address, headers=headers, timeout=flows.STOP_TIMEOUT_S)
@@ -180,7 +183,7 @@ class AsyncClient:
         """Stop the arm at once. A running scan is aborted. This is not an emergency stop. See `Client.stop`."""
         await self._run(flows.stop(self._service))
 
-    async def cancel(self, scan: Scan) -> Scan:
+    async def cancel(self, scan: ScanRef) -> Scan:
         """Stop one scan, the arm first, and return the scan when it has ended. See `Client.cancel`."""
         return await self._run(flows.cancel(self._service, scan))
 

@@ -51,10 +51,13 @@ class Client:
         Args:
             address: Address of the service.
             token: Token from `pointchain token add`. None: the service needs no token.
+
+        Raises:
+            ValueError: The address does not begin with `http://` or `https://`.
         """
         headers = flows.token_headers(token)
         timeout = httpx2.Timeout(flows.ANSWER_TIMEOUT_S, connect=CONNECT_TIMEOUT_S)
-        self._service = address
+        self._service = flows.check_address(address)
         self._http = httpx2.Client(base_url=address, headers=headers, timeout=timeout)
         # separate, so that a running request never holds the connection that a stop needs
         self._stopping = httpx2.Client(base_url=address, headers=headers, timeout=flows.STOP_TIMEOUT_S)
@@ -345,14 +348,14 @@ class Client:
         """
         self._run(flows.stop(self._service))
 
-    def cancel(self, scan: Scan) -> Scan:
+    def cancel(self, scan: ScanRef) -> Scan:
         """Stop one scan, the arm first, and return the scan when it has ended.
 
         Args:
-            scan: The scan.
+            scan: The scan, its model, or its id. A scan that was aborted before is returned.
 
         Raises:
-            ProblemError: `not-cancellable`: The scan has ended already.
+            ProblemError: `not-cancellable`: The scan has ended already in another way.
             UnreachableError: The service did not answer.
         """
         return self._run(flows.cancel(self._service, scan))

@@ -261,9 +261,9 @@ def changes(service: str, scan: ScanRef, since: ScanRef) -> Flow[Changes]:
     return found.since
 
 
-def cancel(service: str, scan: Scan) -> Flow[Scan]:
+def cancel(service: str, scan: ScanRef) -> Flow[Scan]:
     """Cancel a scan."""
-    return document_of(Scan, (yield from _post(service, f"{scan.links.self}/cancel")))
+    return document_of(Scan, (yield from _post(service, f"{scan_path(id_of(scan))}/cancel")))
 
 
 def keep(service: str, scan: ScanRef, kept: bool) -> Flow[Scan]:
@@ -361,6 +361,17 @@ def _get_document(service: str, kind: type[D], path: str, params: Mapping[str, A
 
 
 # Arguments of httpx2
+
+
+def check_address(address: str) -> str:
+    """Return the address of a service.
+
+    Raises:
+        ValueError: It does not begin with `http://` or `https://`.
+    """
+    if not address.startswith(("http://", "https://")):
+        raise ValueError(f"{address!r} is not the address of a service: it begins with http:// or https://")
+    return address
 
 
 def token_headers(token: str | None) -> dict[str, str]:

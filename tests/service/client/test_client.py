@@ -191,6 +191,11 @@ def test_without_a_stream_the_client_polls(kind: str, serve: Serve, recording_fi
         assert seen[-1].ended
 
 
+def test_an_address_without_a_scheme_is_refused(kind: str) -> None:
+    with pytest.raises(ValueError, match="begins with http://"), open_planner(kind, "127.0.0.1:8000"):
+        pass
+
+
 def test_an_unreachable_service_is_reported(kind: str, recording_file: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as occupied:
         address = f"http://127.0.0.1:{occupied.getsockname()[1]}"
