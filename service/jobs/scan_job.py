@@ -144,6 +144,7 @@ class ScanWork:
         """Connect the cell if needed, and plan the viewpoints. Nothing moves."""
         prepared = self._cell.prepare_scan(unprepared.views, unprepared.requested_at)
         job.timing |= {"connect": round(prepared.connect_s, 3), "plan": round(prepared.plan_s, 3)}
+        log.info("%s has its plan: %d views", job.label, len(prepared.plan.viewpoints))
         planned = {"calibration_sha256": prepared.hand_eye.sha256, "timing": job.timing}
         self._store.scans.update(job.row.id, ("connecting",), state="preflight", **planned)
         return prepared

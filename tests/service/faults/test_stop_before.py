@@ -124,7 +124,6 @@ def test_a_scan_that_is_being_planned_ends_without_a_motion(
     assert (scan["state"], scan["problem"]["type"]) == ("aborted", "urn:pointchain:aborted")
     assert request_scan(cell, f"planned, then {ending}").json()["id"] == scan["id"]  # a retry starts nothing
     assert events_since(cell, begin, "motion_start") == []
-    assert finished(cell.client, cell.start(views=2))["state"] == "succeeded"  # a later request moves the arm
 
 
 @pytest.mark.problem("stopped")
