@@ -128,7 +128,8 @@ def recognise(
         views: Depth images with their camera poses, at least two. They may arrive one by one; each view is
             preprocessed when it arrives.
         parameters: Radii and thresholds. None measures the radius of the strings first. The measurement needs all
-            views and doubles the computing time.
+            views and doubles the computing time. It is also made, for a finding, if a given radius gives no chain or
+            a chain that is thinner.
         scene: Table height and workspace in the base frame. None means a table at z = 0 and no workspace limit.
         method: `"matching"` is the earlier method of the paper's authors. `"enhanced"` is the method of the paper.
             `"graph"` is our method.

@@ -95,16 +95,19 @@ def other_radius_findings(
     try:
         _, strings = _find_strings(views, scene)
     except RecognitionError:
-        return ()  # nothing looks like a string of any radius
-    lengths = [arc_length(string.points)[-1] for string in strings]
-    missed_m = sum(lengths) - sum(chain.length_m for chain in chains)
-    if not strings or missed_m < MIN_MISSED_RADII * _median_radius(strings):
+        strings = ()  # nothing looks like a string of any radius
+    if not strings:
         return ()
-    radius, longest = _median_radius(strings), strings[int(np.argmax(lengths))].points
+    radius = _median_radius(strings)
+    lengths_m = [arc_length(string.points)[-1] for string in strings]
+    recognised_m = sum(chain.length_m for chain in chains)
+    if sum(lengths_m) - recognised_m < MIN_MISSED_RADII * radius:
+        return ()
+    longest = strings[int(np.argmax(lengths_m))].points
     middle = longest[len(longest) // 2]
-    found = "no string" if not chains else f"only {(sum(lengths) - missed_m) * 1000:.0f} mm of string"
+    found = "no string" if not chains else f"only {recognised_m * 1000:.0f} mm of string"
     message = (
-        f"with the radius {parameters.r * 1000:.1f} mm {found} was found, but {sum(lengths) * 1000:.0f} mm with a "
+        f"with the radius {parameters.r * 1000:.1f} mm {found} was found, but {sum(lengths_m) * 1000:.0f} mm with a "
         f"measured radius of {radius * 1000:.1f} mm, for example at {format_position(middle)}: recognise the scan "
         "again with this radius, or with none"
     )

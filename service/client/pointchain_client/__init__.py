@@ -6,11 +6,18 @@ the cell as dataclasses with NumPy arrays. The package needs NumPy and httpx2 on
 
 from pointchain_client.async_client import AsyncClient
 from pointchain_client.client import Client
-from pointchain_client.documents import (
+from pointchain_client.documents.cell import (
     CalibrationSummary,
     Camera,
     Cell,
     CellWarning,
+    Robot,
+    ScanValidation,
+    UnreachableViewpoint,
+    Viewpoints,
+)
+from pointchain_client.documents.findings import Finding, Severity, Verdict
+from pointchain_client.documents.model import (
     Chain,
     ChainMatch,
     Changes,
@@ -18,34 +25,29 @@ from pointchain_client.documents import (
     CrossingElement,
     End,
     EndElement,
-    Finding,
     Grasp,
     Model,
     OtherElement,
     PData,
-    Problem,
-    Progress,
     Provenance,
     Quality,
+    SegmentElement,
+    StrandPoint,
+    Topology,
+    ViewQuality,
+)
+from pointchain_client.documents.scans import (
+    Problem,
+    Progress,
     Recording,
     RecordingLinks,
-    Robot,
     Scan,
     ScanLinks,
     ScanState,
     ScanSummary,
     ScanTiming,
-    ScanValidation,
-    SegmentElement,
-    Severity,
-    StrandPoint,
-    Topology,
-    UnreachableViewpoint,
-    Verdict,
     ViewDurations,
-    Viewpoints,
     ViewProgress,
-    ViewQuality,
 )
 from pointchain_client.errors import (
     AnswerError,

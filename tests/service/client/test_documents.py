@@ -17,8 +17,8 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from pointchain_client import Cell, Model, ModelError, Recording, Scan
-from pointchain_client.documents import ScanList
 from pointchain_client.documents.decoding import DecodeError, decode, member_names
+from pointchain_client.documents.scans import ScanList
 from recognition.model import PointChainModel, Provenance
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise

@@ -27,7 +27,7 @@ def marked_problems(mark: ast.AST) -> Iterator[str]:
     """Yield the slugs in a mark such as `pytest.mark.problem("busy")`."""
     for node in ast.walk(mark):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "problem":
-            yield from (argument.value for argument in node.args if isinstance(argument, ast.Constant))  # type: ignore[misc]
+            yield from (str(argument.value) for argument in node.args if isinstance(argument, ast.Constant))
 
 
 def provoked() -> dict[str, list[str]]:
