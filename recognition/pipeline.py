@@ -37,7 +37,7 @@ from recognition.shirakawa.chains import assemble_chains
 from recognition.shirakawa.enhanced_matching import EnhancedMatching
 from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import TracedStrands, trace_strands
 from recognition.view_ingestion import IngestedViews, ingest_views
 
@@ -196,14 +196,14 @@ def recognise(
     graph, refinement, reconstruction = None, None, None
     linked = LinkedSegments(())
     if method == "graph":
-        height_map = HeightMap(registration.points)
-        graph = trace_strands(centre_line.unaveraged, height_map, parameters)
+        occlusion_map = OcclusionMap(registration.points)
+        graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters)
 
         timer.begin("refinement")
         refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
 
         timer.begin("topology")
-        assembly = assemble_fitted_chains(refinement, registration, height_map, scene, parameters)
+        assembly = assemble_fitted_chains(refinement, registration, occlusion_map, scene, parameters)
         crossings = find_fitted_crossings(assembly.chains)
         connections = connection_findings(graph.pairing.ambiguous, assembly.chains)
     else:

@@ -17,7 +17,7 @@ from recognition.preprocessing.target_cloud import DepthView, Scene, preprocess
 from recognition.refinement.refinement import FittedStrand, refine
 from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
 from recognition.view_ingestion import ingest_views
 
@@ -126,7 +126,7 @@ def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParame
         return rough, ()
     registration = register(ingested.clouds, rough, ingested.correspondences)
     centre_line = estimate_centre_line(registration.points, registration.normals, rough)
-    graph = trace_strands(centre_line.unaveraged, HeightMap(registration.points), rough)
+    graph = trace_strands(centre_line.unaveraged, OcclusionMap(registration.points), rough)
     refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
     return rough, classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
 

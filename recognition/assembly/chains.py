@@ -13,7 +13,7 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
 from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings, max_squareness
 from recognition.registration.registration import Registration
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 
 MAX_TABLE_GAP_RADII = 0.4
 """Maximum gap between the table and a string, in radii of the string. A larger gap gives a finding."""
@@ -35,14 +35,18 @@ class ChainAssembly:
 
 
 def assemble_fitted_chains(
-    refinement: Refinement, registration: Registration, height_map: HeightMap, scene: Scene, parameters: ChainParameters
+    refinement: Refinement,
+    registration: Registration,
+    occlusion_map: OcclusionMap,
+    scene: Scene,
+    parameters: ChainParameters,
 ) -> ChainAssembly:
     """Build the chains of the model from the fitted strands that are classified as strings.
 
     Args:
         refinement: Fitted strands, and the standard deviation of the surface points about their tubes.
         registration: Registered views and their merged surface.
-        height_map: Height map of the registered surface.
+        occlusion_map: Occlusion map of the registered surface.
         scene: Scene; uses the table height and the workspace.
         parameters: Method parameters; uses the radius r and the border margin r_f.
 
@@ -60,7 +64,7 @@ def assemble_fitted_chains(
     chains: list[Chain] = []
     for number, strand in enumerate(classified.strings):
         sigma_m, views = point_uncertainty(strand, registration, refinement.scatter_m)
-        ends = classify_ends(strand, height_map, scene, parameters)
+        ends = classify_ends(strand, occlusion_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
         findings += _shape_findings(chains[-1], strand, scene.table_z_m) + _radius_findings(
             chains[-1], strand, parameters
@@ -69,7 +73,7 @@ def assemble_fitted_chains(
 
 
 def classify_ends(
-    strand: FittedStrand, height_map: HeightMap, scene: Scene, parameters: ChainParameters
+    strand: FittedStrand, occlusion_map: OcclusionMap, scene: Scene, parameters: ChainParameters
 ) -> tuple[End, End]:
     """Classify the ends of a strand: `free` if the end of the string was observed, else `unobserved`.
 
@@ -77,7 +81,7 @@ def classify_ends(
 
     Args:
         strand: Fitted strand.
-        height_map: Height map of the registered surface.
+        occlusion_map: Occlusion map of the registered surface.
         scene: Scene; uses the workspace.
         parameters: Method parameters; uses the radius r and the border margin r_f.
 
@@ -92,7 +96,7 @@ def classify_ends(
         outward[2] = 0.0
         outward /= max(float(np.linalg.norm(outward)), 1e-12)
         ahead = points[0] + np.linspace(0.3, 1.3, 5)[:, None] * parameters.r * outward
-        hidden = height_map.occlusion(ahead, max(parameters.r, strand.radius_m)).is_occluded.mean() > 0.5
+        hidden = occlusion_map.occlusion(ahead, max(parameters.r, strand.radius_m)).is_occluded.mean() > 0.5
         kinds.append("unobserved" if hidden or scene.is_near_border(points[0], parameters.r_f) else "free")
     return kinds[0], kinds[1]
 

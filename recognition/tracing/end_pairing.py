@@ -10,7 +10,7 @@ from recognition.geometry.graph_matching import matching_margins, maximum_weight
 from recognition.geometry.polyline import arc_length, fit_end_parabola
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 
 END_FIT_RADII = 5.0
 """Length of the part of a fragment that is fitted to get the direction and curvature of its end, in radii r."""
@@ -97,7 +97,7 @@ class Pairing:
     """Pairs that may be wrong (see `MIN_CERTAIN_MARGIN`)."""
 
 
-def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: ChainParameters) -> Pairing:
+def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parameters: ChainParameters) -> Pairing:
     """Pair the fragment ends of the whole scene at the minimum total cost.
 
     The cost of a pair is its misfit plus the cost of its gap. The two ends are extrapolated to the middle of the gap.
@@ -108,7 +108,7 @@ def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: 
 
     Args:
         fragments: Fragments of the scene.
-        height_map: Height map of the registered surface.
+        occlusion_map: Occlusion map of the registered surface.
         parameters: Method parameters; uses the radius r.
 
     Returns:
@@ -121,9 +121,9 @@ def pair_ends(fragments: Sequence[Fragment], height_map: HeightMap, parameters: 
     ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, height_map, parameters.r)
+    single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, occlusion_map, parameters.r)
     a, b = _candidate_pairs(ends, fragments, parameters.r)
-    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, height_map, parameters.r)
+    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, parameters.r)
     gain = single_cost[a] + single_cost[b] - cost
     has_gain = gain > 0
     a, b, gain = a[has_gain], b[has_gain], gain[has_gain]
@@ -210,7 +210,7 @@ def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: f
 
 
 def _gap_cost(
-    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], height_map: HeightMap, r: float
+    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], occlusion_map: OcclusionMap, r: float
 ) -> NDArray[np.float64]:
     """Return the cost (M,) of the gap of each pair. `a` (M,) and `b` (M,) are the end indices of the pairs.
 
@@ -226,7 +226,7 @@ def _gap_cost(
     start, end = ends.points[a, None], ends.points[b, None]
     leaving, arriving = ends.directions[a, None] * length, -ends.directions[b, None] * length
     curve = hermite[0] * start + hermite[1] * leaving + (1 - hermite[0]) * end + hermite[2] * arriving
-    occlusion = height_map.occlusion(curve.reshape(-1, 3), r)
+    occlusion = occlusion_map.occlusion(curve.reshape(-1, 3), r)
     occluded_share = occlusion.is_occluded.reshape(len(a), -1).mean(axis=1)
     bare_share = occlusion.is_uncovered.reshape(len(a), -1).mean(axis=1)
     visible_radii = np.maximum((1 - occluded_share) * gap / r - FREE_VISIBLE_GAP_RADII, 0.0)
@@ -234,12 +234,12 @@ def _gap_cost(
     return np.where(bare_share * gap > MAX_BARE_GAP_RADII * r, np.inf, cost)
 
 
-def _occluded_share_ahead(ends: FragmentEnds, height_map: HeightMap, r: float) -> NDArray[np.float64]:
+def _occluded_share_ahead(ends: FragmentEnds, occlusion_map: OcclusionMap, r: float) -> NDArray[np.float64]:
     """Return the occluded share (N,) of the line from 0.5 r to 2.5 r ahead of each end, 0 to 1."""
     distance = np.linspace(0.5, 2.5, 5)[None, :, None] * r
     horizontal = ends.directions * (1, 1, 0)
     points = ends.points[:, None] + distance * horizontal[:, None]
-    is_occluded = height_map.occlusion(points.reshape(-1, 3), r).is_occluded
+    is_occluded = occlusion_map.occlusion(points.reshape(-1, 3), r).is_occluded
     return is_occluded.reshape(len(ends.points), -1).mean(axis=1)
 
 

@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
 from recognition.parameters import ChainParameters
-from recognition.tracing.height_map import HeightMap
 from recognition.tracing.nodes import CentreLineNodes
+from recognition.tracing.occlusion_map import OcclusionMap
 
 SPACING_RADII = 0.7
 """Maximum distance between a node and its representative, along and across the string, in radii r."""
@@ -110,14 +110,14 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
     return fragments
 
 
-def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, r: float) -> list[Fragment]:
+def split_over_bare_table(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, r: float) -> list[Fragment]:
     """Split the fragments at long links over bare table.
 
     A long link over bare table connects the ends of two strings that lie end to end.
 
     Args:
         fragments: Fragments of the scene.
-        height_map: Height map of the registered surface.
+        occlusion_map: Occlusion map of the registered surface.
         r: Radius of the string, metres.
 
     Returns:
@@ -129,7 +129,7 @@ def split_over_bare_table(fragments: Sequence[Fragment], height_map: HeightMap, 
         following = np.roll(points, -1, axis=0)
         cut = np.linalg.norm(following - points, axis=1) > MAX_DENSE_LINK_RADII * r
         if cut.any():
-            cut[cut] = height_map.occlusion((points[cut] + following[cut]) / 2, r).is_uncovered
+            cut[cut] = occlusion_map.occlusion((points[cut] + following[cut]) / 2, r).is_uncovered
         parts += fragment.split(np.ones(len(points), dtype=bool), cut)
     return parts
 

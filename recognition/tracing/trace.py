@@ -10,9 +10,9 @@ from recognition.parameters import ChainParameters
 from recognition.strand import End, Strand, join_strands
 from recognition.tracing.end_pairing import Pairing, pair_ends
 from recognition.tracing.fragments import Fragment, link_nodes, split_over_bare_table
-from recognition.tracing.height_map import HeightMap
 from recognition.tracing.merged_strands import split_merged_strands
 from recognition.tracing.nodes import CentreLineNodes, extract_nodes
+from recognition.tracing.occlusion_map import OcclusionMap
 
 MAX_FRAGMENTS = 1000
 """Maximum number of fragments. Ten metres of string with a hundred crossings have a few hundred fragments."""
@@ -33,7 +33,7 @@ class TracedStrands:
 
 
 def trace_strands(
-    centre_points: NDArray[np.float64], height_map: HeightMap, parameters: ChainParameters
+    centre_points: NDArray[np.float64], occlusion_map: OcclusionMap, parameters: ChainParameters
 ) -> TracedStrands:
     """Trace the strands along the centre points.
 
@@ -42,7 +42,7 @@ def trace_strands(
 
     Args:
         centre_points: (N, 3) centre points c_i of eq. (1), metres, base frame.
-        height_map: Height map of the registered surface.
+        occlusion_map: Occlusion map of the registered surface.
         parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
 
     Returns:
@@ -57,14 +57,14 @@ def trace_strands(
         directions of the nodes keep crossing strands apart, and one optimisation generalises eq. (8).
     """
     nodes = extract_nodes(centre_points, parameters)
-    fragments = split_over_bare_table(link_nodes(nodes, parameters), height_map, parameters.r)
-    fragments = split_merged_strands(fragments, height_map.surface, parameters)
+    fragments = split_over_bare_table(link_nodes(nodes, parameters), occlusion_map, parameters.r)
+    fragments = split_merged_strands(fragments, occlusion_map.surface, parameters)
     if len(fragments) > MAX_FRAGMENTS:
         raise TooCrowdedError(
             f"the points above the table form {len(fragments)} fragments, too many for strings: check the string's "
             "radius and the workspace"
         )
-    pairing = pair_ends(fragments, height_map, parameters)
+    pairing = pair_ends(fragments, occlusion_map, parameters)
     pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
     ends = [
         End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])

@@ -14,7 +14,7 @@ from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
 from recognition.refinement.string_classifier import MAX_SQUARENESS
 from recognition.registration.registration import Registration
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
 
 R = 0.0042
@@ -36,10 +36,10 @@ def found(
 def assembled(
     views: Registration, scene: Scene | None = None, parameters: ChainParameters = PARAMETERS
 ) -> ChainAssembly:
-    height_map = HeightMap(views.points)
-    graph = trace_strands(views.points - parameters.r * views.normals, height_map, parameters)
+    occlusion_map = OcclusionMap(views.points)
+    graph = trace_strands(views.points - parameters.r * views.normals, occlusion_map, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return assemble_fitted_chains(refinement, views, height_map, scene or Scene(), parameters)
+    return assemble_fitted_chains(refinement, views, occlusion_map, scene or Scene(), parameters)
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -120,14 +120,14 @@ def test_an_end_at_the_border_of_the_workspace_is_unobserved(
 
 def test_an_end_that_continues_under_another_strand_is_unobserved(seen: Callable, straight: Callable) -> None:
     over = straight((0, -0.05, 3 * R), (0, 0.05, 3 * R))
-    height_map = HeightMap(seen([over])[0])
+    occlusion_map = OcclusionMap(seen([over])[0])
     line = straight((-0.06, 0, R), (-R, 0, R), 0.003)
-    assert classify_ends(fitted(line), height_map, Scene(), PARAMETERS) == ("free", "unobserved")
-    assert classify_ends(fitted(line[::-1]), height_map, Scene(), PARAMETERS) == ("unobserved", "free")
+    assert classify_ends(fitted(line), occlusion_map, Scene(), PARAMETERS) == ("free", "unobserved")
+    assert classify_ends(fitted(line[::-1]), occlusion_map, Scene(), PARAMETERS) == ("unobserved", "free")
     # Well before the other strand, and on top of it, the end was observed.
-    assert classify_ends(fitted(line - (0.02, 0, 0)), height_map, Scene(), PARAMETERS) == ("free", "free")
-    assert classify_ends(fitted(line + (R, 0, 4 * R)), height_map, Scene(), PARAMETERS) == ("free", "free")
-    assert classify_ends(replace(fitted(line), closed=True), height_map, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line - (0.02, 0, 0)), occlusion_map, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(fitted(line + (R, 0, 4 * R)), occlusion_map, Scene(), PARAMETERS) == ("free", "free")
+    assert classify_ends(replace(fitted(line), closed=True), occlusion_map, Scene(), PARAMETERS) == ("free", "free")
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_without_strands_there_are_no_chains_and_a_note(
 ) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    assembly = assemble_fitted_chains(nothing, views, HeightMap(views.points), Scene(), PARAMETERS)
+    assembly = assemble_fitted_chains(nothing, views, OcclusionMap(views.points), Scene(), PARAMETERS)
     assert assembly.chains == ()
     (note,) = assembly.findings
     assert (note.code, note.severity, note.chains) == ("no-string-found", "note", ())
@@ -236,7 +236,7 @@ def test_a_string_that_may_be_a_bar_is_kept_with_a_doubt(
     for sigma, value in ((0.1, pytest.approx(0.3, abs=1e-12)), (np.inf, None)):
         strand = replace(fitted(line), roundness_error_m=0.0, squareness=0.1, squareness_sigma=sigma)
         refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
-        assembly = assemble_fitted_chains(refinement, views, HeightMap(views.points), Scene(), PARAMETERS)
+        assembly = assemble_fitted_chains(refinement, views, OcclusionMap(views.points), Scene(), PARAMETERS)
         (chain,), (doubt,) = assembly.chains, assembly.findings
         assert (chain.id, doubt.code, doubt.severity, doubt.chains) == (0, "possible-bar", "doubt", (0,))
         assert doubt.point_m == pytest.approx((0.05, 0.0, R), abs=1e-9)

@@ -11,7 +11,7 @@ from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
 from recognition.tracing.end_pairing import MIN_CERTAIN_MARGIN, Pairing, pair_ends
 from recognition.tracing.fragments import Fragment
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -40,7 +40,9 @@ def paired_fragments(pairing: Pairing) -> set[frozenset[int]]:
 
 def test_ends_have_positions_directions_and_curvatures(arc: Callable, straight: Callable) -> None:
     ends = pair_ends(
-        [fragment(straight((0, 0, R), (0.06, 0, R))), fragment(arc(0.04, 0, 90))], HeightMap(NOTHING_SEEN), PARAMETERS
+        [fragment(straight((0, 0, R), (0.06, 0, R))), fragment(arc(0.04, 0, 90))],
+        OcclusionMap(NOTHING_SEEN),
+        PARAMETERS,
     ).ends
     np.testing.assert_array_equal(ends.fragment, [0, 0, 1, 1])
     np.testing.assert_allclose(ends.points[:2], [(0, 0, R), (0.06, 0, R)], rtol=0, atol=1e-12)
@@ -62,7 +64,7 @@ def test_a_strand_goes_on_under_another(heap: Callable, seen: Callable, degrees:
     under, over = heap((0, degrees), 2 * R)
     surface, _ = seen([under, over])
     hidden = 1.3 * R / np.sin(np.radians(degrees))
-    found = pair_ends([*opened(under, hidden), fragment(over)], HeightMap(surface), PARAMETERS)
+    found = pair_ends([*opened(under, hidden), fragment(over)], OcclusionMap(surface), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0, 1})}
     assert found.ambiguous == []
 
@@ -74,7 +76,7 @@ def test_ends_around_a_heap_are_paired_straight_on(heap: Callable, seen: Callabl
     surface, _ = seen(strands)
     reaches = [3 * R] * (len(strands) - 1) + [1.4 * R]
     pieces = [piece for strand, reach in zip(strands, reaches, strict=True) for piece in opened(strand, reach)]
-    found = pair_ends(pieces, HeightMap(surface), PARAMETERS)
+    found = pair_ends(pieces, OcclusionMap(surface), PARAMETERS)
     assert paired_fragments(found) == {frozenset({2 * k, 2 * k + 1}) for k in range(len(degrees))}
 
 
@@ -84,7 +86,7 @@ def test_a_bent_strand_is_followed_round_its_bend(arc: Callable, heap: Callable,
     (over,) = heap((90,), 0)
     doubled = [over + (-R, 0, 2 * R), over + (R, 0, 2 * R)]
     surface, _ = seen([bent, *doubled])
-    found = pair_ends([*opened(bent, 2.5 * R), *map(fragment, doubled)], HeightMap(surface), PARAMETERS)
+    found = pair_ends([*opened(bent, 2.5 * R), *map(fragment, doubled)], OcclusionMap(surface), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0, 1})}
 
 
@@ -93,13 +95,13 @@ def test_a_hole_in_a_tight_bend_is_bridged_along_the_bend(arc: Callable, seen: C
     bent = arc(4 * R, -150, 150)
     angle = np.degrees(np.arctan2(bent[:, 1], bent[:, 0]))
     pieces = [bent[angle < -17], bent[angle > 17]]
-    found = pair_ends([fragment(piece) for piece in pieces], HeightMap(seen(pieces)[0]), PARAMETERS)
+    found = pair_ends([fragment(piece) for piece in pieces], OcclusionMap(seen(pieces)[0]), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0, 1})}
 
 
 def test_two_ends_with_bare_table_between_are_two_ends(straight: Callable, seen: Callable) -> None:
     strings = [straight((0, 0, R), (0.06, 0, R)), straight((0.078, 0, R), (0.14, 0, R))]
-    found = pair_ends([fragment(string) for string in strings], HeightMap(seen(strings)[0]), PARAMETERS)
+    found = pair_ends([fragment(string) for string in strings], OcclusionMap(seen(strings)[0]), PARAMETERS)
     assert found.pairs == []
 
 
@@ -108,17 +110,17 @@ def test_ends_far_apart_or_back_to_back_are_not_paired(straight: Callable, seen:
     # A long gap of 15.5 r, all of it under something.
     roof = [straight((0.055, y, 4 * R), (0.13, y, 4 * R)) for y in (-R, 0.0, R)]
     surface, _ = seen([*strings, *roof])
-    assert pair_ends([fragment(string) for string in strings], HeightMap(surface), PARAMETERS).pairs == []
+    assert pair_ends([fragment(string) for string in strings], OcclusionMap(surface), PARAMETERS).pairs == []
     # Two strands that lie side by side end at the same position.
     beside = [straight((0, y, R), (0.06, y, R)) for y in (0, 2 * R)]
-    assert pair_ends([fragment(string) for string in beside], HeightMap(seen(beside)[0]), PARAMETERS).pairs == []
+    assert pair_ends([fragment(string) for string in beside], OcclusionMap(seen(beside)[0]), PARAMETERS).pairs == []
 
 
 def test_a_lone_end_under_a_strand_stays_alone(heap: Callable, seen: Callable) -> None:
     under, over = heap((0, 90), 2 * R)
     under = under[under[:, 0] < 0]
     surface, _ = seen([under, over])
-    found = pair_ends([fragment(under[under[:, 0] < -1.2 * R]), fragment(over)], HeightMap(surface), PARAMETERS)
+    found = pair_ends([fragment(under[under[:, 0] < -1.2 * R]), fragment(over)], OcclusionMap(surface), PARAMETERS)
     assert found.pairs == []
 
 
@@ -130,7 +132,7 @@ def test_a_ring_closes_under_the_strand_that_hides_it(arc: Callable, heap: Calla
     clear = ring[np.abs(ring[:, 0] + 0.04) > 1.5 * R]
     clear = clear[(np.abs(clear[:, 1]) > 1.5 * R) | (clear[:, 0] > 0)]
     gap_first = np.roll(clear, -int(np.linalg.norm(np.diff(clear, axis=0), axis=1).argmax()) - 1, axis=0)
-    found = pair_ends([fragment(gap_first), fragment(over)], HeightMap(surface), PARAMETERS)
+    found = pair_ends([fragment(gap_first), fragment(over)], OcclusionMap(surface), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0})}
 
 
@@ -141,7 +143,7 @@ def test_ends_that_fit_either_of_two_are_ambiguous(straight: Callable, seen: Cal
     out = [straight((0.015 * c, sign * 0.015 * s, R), (0.06 * c, sign * 0.06 * s, R)) for sign in (-1, 1)]
     roof = [straight((x, -0.03, 3 * R), (x, 0.03, 3 * R)) for x in (-0.008, 0.0, 0.008)]
     surface, _ = seen([incoming, *out, *roof])
-    found = pair_ends([fragment(incoming), *map(fragment, out)], HeightMap(surface), PARAMETERS)
+    found = pair_ends([fragment(incoming), *map(fragment, out)], OcclusionMap(surface), PARAMETERS)
     assert len(found.pairs) == 1
     (pair,) = found.ambiguous
     assert np.linalg.norm(pair.points.mean(axis=0) - (0, 0, R)) < 2 * R
@@ -151,9 +153,9 @@ def test_ends_that_fit_either_of_two_are_ambiguous(straight: Callable, seen: Cal
 
 
 def test_closed_fragments_have_no_ends(arc: Callable) -> None:
-    found = pair_ends([fragment(arc(0.04, 0, 355), closed=True)], HeightMap(NOTHING_SEEN), PARAMETERS)
+    found = pair_ends([fragment(arc(0.04, 0, 355), closed=True)], OcclusionMap(NOTHING_SEEN), PARAMETERS)
     assert (len(found.ends.points), found.pairs, found.ambiguous) == (0, [], [])
-    nothing = pair_ends([], HeightMap(NOTHING_SEEN), PARAMETERS)
+    nothing = pair_ends([], OcclusionMap(NOTHING_SEEN), PARAMETERS)
     assert (nothing.ends.points.shape, nothing.pairs) == ((0, 3), [])
 
 
@@ -175,7 +177,7 @@ def test_pairs_do_not_depend_on_pose_order_or_direction(
         for k in order
     ]
     moved = surface[rng.permutation(len(surface))] @ rotation.T + np.array(shift)
-    found = pair_ends(moved_pieces, HeightMap(moved), PARAMETERS)
+    found = pair_ends(moved_pieces, OcclusionMap(moved), PARAMETERS)
     assert {frozenset(int(order[k]) for k in pair) for pair in paired_fragments(found)} == {
         frozenset({0, 1}),
         frozenset({2, 3}),

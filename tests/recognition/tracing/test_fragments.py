@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment, link_nodes, split_over_bare_table
-from recognition.tracing.height_map import HeightMap
 from recognition.tracing.nodes import CentreLineNodes
+from recognition.tracing.occlusion_map import OcclusionMap
 
 PARAMETERS = ChainParameters.for_radius(0.01)
 R = 0.0042
@@ -244,6 +244,6 @@ def test_a_link_over_bare_table_is_cut_in_rings_too(seen: Callable, arc: Callabl
     surface, _ = seen([arc(0.04, 125, 90 + 360)], R)
     for first in (0, 10, 11, 30):
         fragment = Fragment(np.roll(ring, -first, axis=0), np.ones(len(ring)), closed=True)
-        (piece,) = split_over_bare_table([fragment], HeightMap(surface), R)
+        (piece,) = split_over_bare_table([fragment], OcclusionMap(surface), R)
         assert not piece.closed
         assert len(piece.points) == len(ring)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import recognition.tracing.trace
 from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import TracedStrands, trace_strands
 
 R = 0.0042
@@ -22,7 +22,7 @@ Surface = tuple[np.ndarray, np.ndarray]
 
 def trace(surface: Surface, parameters: ChainParameters = PARAMETERS) -> TracedStrands:
     points, normals = surface
-    return trace_strands(points - parameters.r * normals, HeightMap(points), parameters)
+    return trace_strands(points - parameters.r * normals, OcclusionMap(points), parameters)
 
 
 def strings_of(graph: TracedStrands, curves: Sequence[np.ndarray], scale: float = 1.0) -> list[int]:

@@ -1,4 +1,4 @@
-"""Height map of the measured surface: shows where another strand lies over a point and where the table is bare."""
+"""Occlusion map of the measured surface: shows where another strand lies over a point and where the table is bare."""
 
 from dataclasses import dataclass
 
@@ -27,7 +27,7 @@ class Occlusion:
     """(N,) mask, True where no surface above the table was measured near the point. The table is taken to be bare."""
 
 
-class HeightMap:
+class OcclusionMap:
     """Measured surface above the table, seen from above.
 
     Args:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.tracing.height_map import HeightMap
+from recognition.tracing.occlusion_map import OcclusionMap
 
 R = 0.01
 MIDDLE = np.array([(0.0, 0.0, R)])
@@ -17,7 +17,7 @@ def on_line(straight: Callable, tube: Callable, z: float, y: float = 0.0, x0: fl
 
 def occlusion(surface: np.ndarray, points: np.ndarray = MIDDLE) -> list[tuple[bool, bool]]:
     """Return for each point whether it is occluded, and whether it is bare."""
-    found = HeightMap(surface).occlusion(points, R)
+    found = OcclusionMap(surface).occlusion(points, R)
     return list(zip(found.is_occluded.tolist(), found.is_uncovered.tolist(), strict=True))
 
 
