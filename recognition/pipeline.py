@@ -22,6 +22,7 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
+from recognition.grasping.local_floor import find_local_floor
 from recognition.grasping.trusted_grasps import select_trusted_grasps
 from recognition.model.findings import finding, most_serious_first
 from recognition.model.model import METHODS, Method, PointChainModel
@@ -29,6 +30,7 @@ from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocessing.coverage import coverage_findings
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
 from recognition.radius_estimation import estimate_parameters, other_radius_findings
 from recognition.refinement.refinement import Refinement, refine
@@ -39,7 +41,7 @@ from recognition.shirakawa.method_stages import LinkedSegments, connect_segments
 from recognition.shirakawa.reconstruction import Reconstruction
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import TracedStrands, trace_strands
-from recognition.view_ingestion import IngestedViews, ingest_views
+from recognition.view_ingestion import IngestedViews, ingest_views, merge_heights
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """Names of all stages in order, as in `on_stage` and `timing_s`. `stages_of` returns the stages of one method."""
@@ -188,6 +190,7 @@ def recognise(
 
     timer.begin("registration")
     registration = register(ingested.clouds, parameters, ingested.correspondences)
+    support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
 
     timer.begin("centre_line")
     centre_line = estimate_centre_line(registration.points, registration.normals, parameters)
@@ -200,10 +203,10 @@ def recognise(
         graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters)
 
         timer.begin("refinement")
-        refinement = refine(graph.strands, registration.points, registration.normals, parameters, scene.table_z_m)
+        refinement = refine(graph.strands, registration.points, registration.normals, parameters, support)
 
         timer.begin("topology")
-        assembly = assemble_fitted_chains(refinement, registration, occlusion_map, scene, parameters)
+        assembly = assemble_fitted_chains(refinement, registration, occlusion_map, scene, parameters, support)
         crossings = find_fitted_crossings(assembly.chains)
         connections = connection_findings(graph.pairing.ambiguous, assembly.chains)
     else:
@@ -217,7 +220,8 @@ def recognise(
         crossings = find_crossings(assembly.strands, registration.points, parameters)
         connections = []
 
-    unexplained = find_unexplained_surface(registration.points, assembly.chains, parameters)
+    surface = support.remove_from(registration.points, assembly.chains, parameters)
+    unexplained = find_unexplained_surface(surface, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
     chains, touching = mark_touching_ends(chains)
     findings = (
@@ -237,16 +241,23 @@ def recognise(
 
     timer.begin("grasps")
     gripper = gripper or Gripper()
-    candidates = find_grasps(chains, crossings.crossings, registration.points, scene, parameters, gripper)
+    candidates = find_grasps(
+        chains, crossings.crossings, surface, find_local_floor(support, chains), parameters, gripper
+    )
     grasps = select_trusted_grasps(candidates, chains, crossings.crossings, findings, gripper, all_grasps)
     timer.end()
 
-    quality = Quality(
-        views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
-        findings=most_serious_first((*findings, *grasps.findings)),
-    )
     model = PointChainModel(
-        method, parameters, chains, tuple(crossings.crossings), quality, timer.timing_s, grasps=grasps.grasps
+        method=method,
+        parameters=parameters,
+        chains=chains,
+        crossings=tuple(crossings.crossings),
+        quality=Quality(
+            views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
+            findings=most_serious_first((*findings, *grasps.findings)),
+        ),
+        timing_s=timer.timing_s,
+        grasps=grasps.grasps,
     )
     return Recognition(
         model=model,

@@ -13,13 +13,14 @@ from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.parameters import R_MAX, R_MIN, ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import DepthView, Scene, preprocess
 from recognition.refinement.refinement import FittedStrand, refine
 from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
-from recognition.view_ingestion import ingest_views
+from recognition.view_ingestion import ingest_views, merge_heights
 
 PROBE_R = 0.0015
 """Radius of the first preprocessing, metres. It gives the height threshold z_t, below which points are ignored."""
@@ -125,10 +126,11 @@ def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParame
     if ingested.no_string_reason is not None:
         return rough, ()
     registration = register(ingested.clouds, rough, ingested.correspondences)
+    support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
     centre_line = estimate_centre_line(registration.points, registration.normals, rough)
     graph = trace_strands(centre_line.unaveraged, OcclusionMap(registration.points), rough)
-    refinement = refine(graph.strands, registration.points, registration.normals, rough, scene.table_z_m)
-    return rough, classify_strings(refinement, registration.points, rough, scene.table_z_m).strings
+    refinement = refine(graph.strands, registration.points, registration.normals, rough, support)
+    return rough, classify_strings(refinement, registration.points, rough, support).strings
 
 
 def _median_radius(strings: Sequence[FittedStrand]) -> float:

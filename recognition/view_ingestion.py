@@ -3,13 +3,17 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import MIN_VIEWS, exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, find_correspondences
+from recognition.registration.registration import Registration
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +24,8 @@ class IngestedViews:
     """All views, as they arrived."""
     targets: Sequence[TargetCloud]
     """Target clouds of all views."""
+    layers: Sequence[HeightLayer]
+    """Heights that each view measured, the table included."""
     clouds: Sequence[NormalCloud]
     """Points with normals of the views that show a string; empty if no view shows a string."""
     correspondences: Sequence[Correspondences]
@@ -49,6 +55,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     """
     arrived: list[DepthView] = []
     targets: list[TargetCloud] = []
+    layers: list[HeightLayer] = []
     clouds: list[NormalCloud] = []
     correspondences: list[Correspondences] = []
     crowded: dict[int, TooCrowdedError] = {}
@@ -57,6 +64,7 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
         arrived.append(view)
         targets.append(target := preprocess(view, parameters, scene))
+        layers.append(height_layer(view, target, scene))
         if exclusion_reason(target) is not None:
             continue
         try:
@@ -69,7 +77,8 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     selection = select_views(targets)
     if selection.no_string_reason is not None:
         threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
-        return IngestedViews(arrived, targets, (), (), selection.excluded, f"{selection.no_string_reason} {threshold}")
+        reason = f"{selection.no_string_reason} {threshold}"
+        return IngestedViews(arrived, targets, layers, (), (), selection.excluded, reason)
     if len(clouds) < max(MIN_VIEWS, len(crowded)):
         raise next(iter(crowded.values()))
     excluded = selection.excluded + tuple(
@@ -77,4 +86,23 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
         for target in selection.used
         if target.view in crowded
     )
-    return IngestedViews(arrived, targets, clouds, correspondences, excluded, None)
+    return IngestedViews(arrived, targets, layers, clouds, correspondences, excluded, None)
+
+
+def merge_heights(ingested: IngestedViews, registration: Registration) -> HeightMap:
+    """Return the height map of the used views, each moved in the table plane by its registration.
+
+    Args:
+        ingested: Preprocessed views, with their height layers.
+        registration: Registered views.
+
+    Returns:
+        The height map, in the base frame.
+    """
+    T_base_camera = {target.view: target.T_base_camera for target in ingested.targets}
+    motions = {
+        cloud.view: cloud.T_base_camera @ np.linalg.inv(T_base_camera[cloud.view])
+        for cloud in registration.clouds
+        if cloud.T_base_camera is not None
+    }
+    return merge_layers(ingested.layers, motions)

@@ -9,6 +9,7 @@ from recognition.messages import format_position
 from recognition.model.chains import Chain, End
 from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
 from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings, max_squareness
@@ -40,6 +41,7 @@ def assemble_fitted_chains(
     occlusion_map: OcclusionMap,
     scene: Scene,
     parameters: ChainParameters,
+    support: SupportSurface | None = None,
 ) -> ChainAssembly:
     """Build the chains of the model from the fitted strands that are classified as strings.
 
@@ -49,11 +51,13 @@ def assemble_fitted_chains(
         occlusion_map: Occlusion map of the registered surface.
         scene: Scene; uses the table height and the workspace.
         parameters: Method parameters; uses the radius r and the border margin r_f.
+        support: What the strings rest on. None means the table of the scene.
 
     Returns:
         The chains with sigmas, view counts and ends, and the findings on the chains and the excluded strands.
     """
-    classified = classify_strings(refinement, registration.points, parameters, scene.table_z_m)
+    support = support or SupportSurface(scene.table_z_m)
+    classified = classify_strings(refinement, registration.points, parameters, support)
     findings = list(classified.findings)
     if not classified.strings:
         message = (
@@ -66,9 +70,7 @@ def assemble_fitted_chains(
         sigma_m, views = point_uncertainty(strand, registration, refinement.scatter_m)
         ends = classify_ends(strand, occlusion_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
-        findings += _shape_findings(chains[-1], strand, scene.table_z_m) + _radius_findings(
-            chains[-1], strand, parameters
-        )
+        findings += _shape_findings(chains[-1], strand, support) + _radius_findings(chains[-1], strand, parameters)
     return ChainAssembly(tuple(chains), tuple(findings))
 
 
@@ -101,8 +103,8 @@ def classify_ends(
     return kinds[0], kinds[1]
 
 
-def _shape_findings(chain: Chain, strand: FittedStrand, table_z_m: float) -> list[Finding]:
-    """Return the findings on a chain that may not be round, and on a chain that does not lie on the table."""
+def _shape_findings(chain: Chain, strand: FittedStrand, support: SupportSurface) -> list[Finding]:
+    """Return the findings on a chain that may not be round, and on a chain that does not lie on its support."""
     findings = []
     squareness = max_squareness(strand)
     if squareness > MAX_SQUARENESS:
@@ -116,12 +118,13 @@ def _shape_findings(chain: Chain, strand: FittedStrand, table_z_m: float) -> lis
         findings.append(
             finding("possible-bar", message, chains=(chain.id,), point=centre, value=value, limit=MAX_SQUARENESS)
         )
-    gap = float(np.percentile(chain.points[:, 2], RESTING_PERCENTILE)) - table_z_m - chain.radius_m
+    height = support.height_under(chain.points, chain.radius_m)
+    gap = float(np.percentile(chain.points[:, 2], RESTING_PERCENTILE)) - height - chain.radius_m
     max_gap = MAX_TABLE_GAP_RADII * chain.radius_m
     if gap > max_gap:
         message = (
-            f"chain {chain.id} lies {gap * 1000:.1f} mm above the table along nearly all its length: it rests on "
-            "something, or it is the edge of an object"
+            f"chain {chain.id} lies {gap * 1000:.1f} mm above what is beside it along nearly all its length: it "
+            "rests on something narrow, or it is the edge of an object"
         )
         findings.append(finding("above-table", message, chains=(chain.id,), value=gap, limit=max_gap))
     return findings

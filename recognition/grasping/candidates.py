@@ -21,6 +21,8 @@ FULL_SCORE_VIEWS = 3
 """Minimum number of views for the full visibility score."""
 MIN_SLOPE_COSINE = 0.5
 """Minimum cosine of the slope of a string that can be grasped from above (60 degrees)."""
+NO_ROOM = "where the gripper would touch the table, another strand or an object, or where the table was not measured"
+"""Reason for positions that could be grasped if no obstacle were near, but have no grasp."""
 ROUNDING_M = 1e-9
 """Tolerance for rounding errors, metres."""
 
@@ -98,7 +100,7 @@ def find_candidates(
     ):
         counts.append((np.count_nonzero(suitable & ~passes), reason))
         suitable &= passes
-    counts.append((np.count_nonzero(suitable), "where the gripper would touch the table, another strand or an object"))
+    counts.append((np.count_nonzero(suitable), NO_ROOM))
     reasons = "; ".join(f"{number} are {reason}" for number, reason in counts if number)
     candidates = GraspCandidates(s[suitable], point[suitable], direction[suitable], opening[suitable], score[suitable])
     return candidates, f"of {count} positions along it, {reasons}"

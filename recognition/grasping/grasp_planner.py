@@ -1,7 +1,8 @@
 """Grasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
 
 The gripper approaches the centre line from straight above and closes across the string. Near other strands or objects,
-the gripper may also be tilted about the string, or reach less deep.
+the gripper may also reach less deep or open less wide. Only where no upright grasp is possible, it is tilted about the
+string.
 """
 
 from collections.abc import Sequence
@@ -13,19 +14,40 @@ from scipy.spatial import KDTree
 
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M, ROUNDING_M, GraspCandidates, find_candidates
 from recognition.grasping.gripper import Gripper, swept_distance
+from recognition.grasping.local_floor import LocalFloor, low_object_findings
 from recognition.grasping.obstacles import ObjectPoints, Obstacles, gather_obstacles
 from recognition.model.chains import Chain, ChainInterpolator, Crossing, Grasp
 from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.target_cloud import Scene
+from recognition.preprocessing.height_map import CELL_M
 from recognition.registration.fusion import VOXEL_RADII
 
-FULL_SCORE_CLEARANCE_M = 0.01
-"""Minimum clearance for the full clearance score, metres."""
-MIN_REACH_SHARE = 0.2
+FULL_SCORE_CLEARANCE_M = 0.003
+"""Minimum clearance for the full clearance score, metres. An arm with a hand-eye calibration is more accurate."""
+FULL_SCORE_REACH_SHARE = 0.5
+"""Minimum reach of the fingertips beyond the centre line for the full reach score, in string radii."""
+MIN_REACH_SHARE = 0.45
 """Minimum reach of the fingertips beyond the centre line, in string radii. With less reach, the string slips out."""
-APPROACH_OPTIONS = ((0.0, 1.0), (0.0, 0.5), (15.0, 1.0), (-15.0, 1.0), (30.0, 1.0), (-30.0, 1.0))
-"""Approach options in the order of trial: tilt about the string (degrees), reach beyond the centre line (radii)."""
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One way to approach a position."""
+
+    tilt_rad: float = 0.0
+    """Tilt of the gripper about the string, radians."""
+    reach_share: float = 1.0
+    """Maximum reach of the fingertips beyond the centre line, in string radii."""
+    margin_share: float = 1.0
+    """Share of the opening margin that is used."""
+
+
+UPRIGHT = (Approach(), Approach(reach_share=0.5), Approach(margin_share=0.5), Approach(0.0, 0.5, 0.5))
+"""Upright approaches, in the order of trial."""
+TILTED = tuple(Approach(float(np.radians(degrees))) for degrees in (15.0, -15.0, 30.0, -30.0))
+"""Tilted approaches for positions where no upright grasp is possible."""
+TILTED_SWEEP_M = 0.01
+"""Length of a tilted finger from its tip, metres, under which the floor must be free. Higher objects are measured."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +57,14 @@ class GraspSet:
     grasps: tuple[Grasp, ...]
     """Grasps on all chains, the best first."""
     findings: tuple[Finding, ...]
-    """One note on each chain without a grasp."""
+    """One note on each chain without a grasp, and one if low objects cannot be told from the noise."""
 
 
 def find_grasps(
     chains: Sequence[Chain],
     crossings: Sequence[Crossing],
     surface: NDArray[np.float64],
-    scene: Scene,
+    floor: LocalFloor,
     parameters: ChainParameters,
     gripper: Gripper,
 ) -> GraspSet:
@@ -57,11 +79,14 @@ def find_grasps(
     - The slope of the string exceeds 60 degrees.
     - The needed opening exceeds the stroke of the gripper. The opening is the string diameter, plus two sigma and the
       bend over a finger width on each side, plus the opening margin.
-    - Fingertips that keep clear of the table reach less than `MIN_REACH_SHARE` radii beyond the centre line.
+    - Fingertips that keep `Gripper.min_table_clearance_m` from the floor under them reach less than `MIN_REACH_SHARE`
+      radii beyond the centre line. The floor is the table, or an object on it.
+    - No view measured the floor under a fingertip.
     - On the approach, a finger or the palm comes closer than `Gripper.clearance_m` to an object, to another strand, or
-      to a distant part of the same chain. An object or another strand between the fingers is not allowed either.
+      to a distant part of the same chain. An object or another strand between the fingers is not allowed either. An
+      object that is lower than the fingertips is floor.
     - On the approach, a finger or the palm comes too close to the gripped string. The limit is `Gripper.clearance_m` or
-      half the opening margin, whichever is smaller.
+      half of the margin in the opening, whichever is smaller.
 
     The score is the product of these factors:
 
@@ -70,14 +95,16 @@ def find_grasps(
     - distance from the nearest end or crossing pass: from 0.5 at zero to 1 at `MAX_RELEVANT_DISTANCE_M`;
     - sigma: 1 / (1 + (2 sigma / r)^2);
     - cosine of the bend of the string, cosine of its slope, and cosine of the gripper tilt;
-    - reach of the fingertips beyond the centre line: from 0.5 at zero to 1 at r.
+    - reach of the fingertips beyond the centre line: from 0.5 at zero to 1 at `FULL_SCORE_REACH_SHARE` radii;
+    - distance of the fingertips from the floor: from 0.5 at zero to 1 at `Gripper.table_clearance_m`;
+    - opening: 1 with the whole opening margin, 0.9 with half of it.
 
     Args:
         chains: Chains of the model.
         crossings: Crossings of the chains.
         surface: (N, 3) measured points of strings and other objects, metres, base frame. All are higher than z_t above
             the table, and down-sampled to voxels of edge length r * `VOXEL_RADII`.
-        scene: Scene; uses the height of the table.
+        floor: Height of the table and of low objects on it.
         parameters: Method parameters; uses the radius r and the extent r_cn of an intersection.
         gripper: Dimensions of the gripper.
 
@@ -85,11 +112,12 @@ def find_grasps(
         The grasps in the base frame, and the notes.
     """
     obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
+    edges = floor.edge_points()
     grasps: list[Grasp] = []
-    findings = []
+    findings = low_object_findings(floor) if chains else []
     for chain in chains:
         candidates, reason = find_candidates(chain, crossings, parameters, gripper)
-        found = [] if candidates is None else _best_grasps(chain, candidates, obstacles, scene.table_z_m, gripper)
+        found = [] if candidates is None else _best_grasps(chain, candidates, obstacles, floor, edges, gripper)
         if not found:
             message = f"chain {chain.id} cannot be grasped: {reason}"
             findings.append(finding("no-grasp", message, chains=(chain.id,)))
@@ -99,39 +127,105 @@ def find_grasps(
 
 
 def _best_grasps(
-    chain: Chain, candidates: GraspCandidates, obstacles: Obstacles, table_z_m: float, gripper: Gripper
+    chain: Chain,
+    candidates: GraspCandidates,
+    obstacles: Obstacles,
+    floor: LocalFloor,
+    edges: NDArray[np.float64],
+    gripper: Gripper,
 ) -> list[Grasp]:
-    """Return the best grasp of each candidate over all approach options. Omit candidates without a possible grasp."""
+    """Return the best grasp of each candidate over all approaches. Omit candidates without a possible grasp."""
     best: list[Grasp | None] = [None] * len(candidates.s_m)
-    crowded = np.arange(len(candidates.s_m))
-    for degrees, share in APPROACH_OPTIONS:
-        if len(crowded) == 0:
-            break
-        tilt, at = np.radians(degrees), crowded
-        T = _grasp_frames(candidates.point[at], candidates.direction[at], tilt)
-        opening = candidates.opening_m[at]
-        # If the gripper is tilted, the outer corner of a fingertip is its lowest point.
-        corner = opening / 2 + gripper.finger_thickness_m
-        height = candidates.point[at, 2] - table_z_m - abs(np.sin(tilt)) * corner
-        max_reach = (height - gripper.table_clearance_m) / np.cos(tilt)
-        reach = np.minimum(share * chain.radius_m, max_reach)
-        clearance, touches = _clearance_from_strings(chain, candidates.s_m[at], T, opening, reach, obstacles, gripper)
-        clearance = np.minimum(clearance, _clearance_from_objects(T, opening, reach, obstacles.objects, gripper))
-        possible = (reach >= MIN_REACH_SHARE * chain.radius_m) & ~touches & (clearance >= gripper.clearance_m)
-        reach_score = 0.5 + 0.5 * np.clip(reach / chain.radius_m, 0, 1)
-        clearance_score = np.clip(clearance / FULL_SCORE_CLEARANCE_M, 0, 1)
-        score = candidates.base_score[at] * clearance_score * reach_score * np.cos(tilt)
-        for k in np.flatnonzero(possible):
-            known = best[at[k]]
-            if known is None or score[k] > known.score:
-                above = float(height[k] - np.cos(tilt) * reach[k])
-                best[at[k]] = Grasp(
-                    chain.id, float(candidates.s_m[at[k]]), T[k], float(opening[k]), float(reach[k]),
-                    float(clearance[k]), above, float(score[k]),
-                )  # fmt: skip
-        # Other approach options can only improve candidates without the full clearance score.
-        crowded = at[touches | (clearance < FULL_SCORE_CLEARANCE_M)]
+    for approaches in (UPRIGHT, TILTED):
+        crowded = np.array([k for k, grasp in enumerate(best) if grasp is None], dtype=np.int64)
+        for approach in approaches:
+            if len(crowded) == 0:
+                break
+            grasps = _try_approach(chain, candidates, crowded, approach, obstacles, floor, edges, gripper)
+            for k, grasp in zip(crowded, grasps, strict=True):
+                known = best[k]
+                if grasp is not None and (known is None or grasp.score > known.score):
+                    best[k] = grasp
+            # Other approaches can only improve candidates without the full clearance score.
+            crowded = np.array(
+                [
+                    k
+                    for k, grasp in zip(crowded, grasps, strict=True)
+                    if grasp is None or grasp.clearance_m < FULL_SCORE_CLEARANCE_M
+                ],
+                dtype=np.int64,
+            )
     return [grasp for grasp in best if grasp is not None]
+
+
+def _try_approach(
+    chain: Chain,
+    candidates: GraspCandidates,
+    at: NDArray[np.int64],
+    approach: Approach,
+    obstacles: Obstacles,
+    floor: LocalFloor,
+    edges: NDArray[np.float64],
+    gripper: Gripper,
+) -> list[Grasp | None]:
+    """Return the grasps of the candidates `at` (N,) by one approach, or None where it is not possible."""
+    tilt, r = approach.tilt_rad, chain.radius_m
+    T = _grasp_frames(candidates.point[at], candidates.direction[at], tilt)
+    margin = approach.margin_share * gripper.opening_margin_m
+    opening = candidates.opening_m[at] - gripper.opening_margin_m + margin
+
+    deepest = approach.reach_share * r
+    floor_z = floor.highest(_fingertip_positions(T, opening, deepest, tilt != 0.0, gripper))
+    # If the gripper is tilted, the outer corner of a fingertip is its lowest point.
+    height = candidates.point[at, 2] - floor_z - abs(np.sin(tilt)) * (opening / 2 + gripper.finger_thickness_m)
+    least = min(gripper.min_table_clearance_m, gripper.table_clearance_m)
+    wanted = np.minimum((height - max(gripper.table_clearance_m, floor.min_height_m)) / np.cos(tilt), deepest)
+    reach = np.where(np.isfinite(wanted), np.maximum(wanted, MIN_REACH_SHARE * r), 0.0)
+    above = height - np.cos(tilt) * reach
+
+    min_string_distance = min(gripper.clearance_m, margin / 2)
+    clearance, touches = _clearance_from_strings(
+        chain, candidates.s_m[at], T, opening, reach, obstacles, gripper, min_string_distance
+    )
+    clearance = np.minimum(clearance, _clearance_from_objects(T, opening, reach, obstacles.objects, gripper))
+    clearance = np.minimum(clearance, _clearance_from_edges(T, opening, reach, edges, floor.cell_m / 2, gripper))
+    possible = (above >= least - ROUNDING_M) & ~touches & (clearance >= gripper.clearance_m)
+
+    score = candidates.base_score[at] * np.cos(tilt) * (0.8 + 0.2 * approach.margin_share)
+    score *= np.clip(clearance / FULL_SCORE_CLEARANCE_M, 0, 1)
+    score *= 0.5 + 0.5 * np.clip(reach / (FULL_SCORE_REACH_SHARE * r), 0, 1)
+    score *= 0.5 + 0.5 * np.clip(above / max(gripper.table_clearance_m, ROUNDING_M), 0, 1)
+    score = np.minimum(score, 1.0)  # rounding
+    return [
+        Grasp(
+            chain.id, float(candidates.s_m[number]), T[k], float(opening[k]), float(reach[k]), float(clearance[k]),
+            float(above[k]), float(score[k]),
+        ) if possible[k] else None
+        for k, number in enumerate(at)
+    ]  # fmt: skip
+
+
+def _fingertip_positions(
+    T: NDArray[np.float64], opening: NDArray[np.float64], reach: float, sweep: bool, gripper: Gripper
+) -> NDArray[np.float64]:
+    """Return positions (N, K, 2) that the fingertips and a clearance around them cover, seen from above, metres.
+
+    Args:
+        T: (N, 4, 4) grasp poses `T_base_grasp`.
+        opening: (N,) openings between the fingers, metres.
+        reach: Distance of the fingertips beyond the centre line, metres.
+        sweep: Whether the ends of the fingers, `TILTED_SWEEP_M` long, are covered too.
+        gripper: Dimensions of the gripper.
+    """
+    width = gripper.finger_thickness_m + 2 * gripper.clearance_m
+    half = gripper.finger_width_m / 2 + gripper.clearance_m
+    across = np.linspace(0.0, width, int(np.ceil(width / CELL_M)) + 1) - gripper.clearance_m
+    along = np.linspace(-half, half, int(np.ceil(2 * half / CELL_M)) + 1)
+    back = np.linspace(0.0, TILTED_SWEEP_M, int(np.ceil(TILTED_SWEEP_M / CELL_M)) + 1) if sweep else np.zeros(1)
+    side, across, along, back = (a.ravel() for a in np.meshgrid((-1.0, 1.0), across, along, back, indexing="ij"))
+    x = side * (opening[:, None] / 2 + across)
+    local = np.stack([x, np.broadcast_to(along, x.shape), np.broadcast_to(reach - back, x.shape)], axis=-1)
+    return np.einsum("nij,nkj->nki", T[:, :2, :3], local) + T[:, None, :2, 3]
 
 
 def _clearance_from_strings(
@@ -142,6 +236,7 @@ def _clearance_from_strings(
     reach: NDArray[np.float64],
     obstacles: Obstacles,
     gripper: Gripper,
+    min_string_distance_m: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the clearances (N,) from other strands, metres, and the mask (N,) of grasps that touch their own string.
 
@@ -155,6 +250,7 @@ def _clearance_from_strings(
         reach: (N,) distances of the fingertips beyond the centre line, metres.
         obstacles: Chains and objects of the scene; uses the chains.
         gripper: Dimensions of the gripper.
+        min_string_distance_m: Minimum distance of the gripper from the gripped string during the approach, metres.
     """
     clearance, touches = np.full(len(s), MAX_RELEVANT_DISTANCE_M), np.zeros(len(s), dtype=bool)
     pose, sphere = _near_pairs(T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), gripper)
@@ -165,9 +261,7 @@ def _clearance_from_strings(
     gripped = same_chain & (along <= 2 * np.linalg.norm(offset, axis=1) + gripper.finger_width_m)
     distance = swept_distance(local, opening[pose], reach[pose], gripper, ~gripped) - obstacles.radius_m[sphere]
     np.minimum.at(clearance, pose[~gripped], distance[~gripped])
-    # The gripped string must fit between the fingers with half the opening margin on each side.
-    min_distance = min(gripper.clearance_m, gripper.opening_margin_m / 2) - ROUNDING_M
-    touches[pose[gripped & (distance < min_distance)]] = True
+    touches[pose[gripped & (distance < min_string_distance_m - ROUNDING_M)]] = True
     return clearance, touches
 
 
@@ -201,6 +295,34 @@ def _clearance_from_objects(
     pose = np.repeat(pose, count)
     _, local = _offsets(T, pose, objects.points[sphere])
     distance = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
+    np.minimum.at(clearance, pose, distance)
+    return clearance
+
+
+def _clearance_from_edges(
+    T: NDArray[np.float64],
+    opening: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    edges: NDArray[np.float64],
+    cell_radius_m: float,
+    gripper: Gripper,
+) -> NDArray[np.float64]:
+    """Return the clearances (N,) from the edges of objects that are higher than the fingertips, metres.
+
+    The clearances are at most `MAX_RELEVANT_DISTANCE_M`. `edges` (K, 3) are the edge cells of objects on the table, and
+    `cell_radius_m` is half the edge length of a cell. `T`, `opening` and `reach` are as in `_clearance_from_strings`.
+    """
+    clearance = np.full(len(T), MAX_RELEVANT_DISTANCE_M)
+    tip_z = T[:, 2, 3] + T[:, 2, 2] * reach
+    edges = edges[edges[:, 2] > tip_z.min(initial=np.inf)]
+    if len(edges) == 0:
+        return clearance
+    pose, edge = _near_pairs(T, edges, KDTree(edges[:, :2]), cell_radius_m, gripper)
+    higher = edges[edge, 2] > tip_z[pose]
+    pose, edge = pose[higher], edge[higher]
+    _, local = _offsets(T, pose, edges[edge])
+    closing = np.ones(len(pose), dtype=bool)
+    distance = swept_distance(local, opening[pose], reach[pose], gripper, closing) - cell_radius_m
     np.minimum.at(clearance, pose, distance)
     return clearance
 

@@ -38,11 +38,15 @@ class Gripper:
     """Extra opening before the fingers close, in addition to the space that the string needs. Sum of both sides."""
     clearance_m: float = 0.001
     """Minimum distance of fingers and palm from everything that is not gripped, except the table."""
-    table_clearance_m: float = 0.001
-    """Minimum distance of the fingertips from the table."""
+    table_clearance_m: float = 0.002
+    """Distance of the fingertips from the table, or from an object that lies under the string. At a thin string, the
+    fingertips come closer, so that they still reach beyond its centre line."""
+    min_table_clearance_m: float = 0.00075
+    """Minimum distance of the fingertips from the table, or from an object that lies under the string. A smaller
+    `table_clearance_m` replaces it."""
 
     def __post_init__(self) -> None:
-        may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m")
+        may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m", "min_table_clearance_m")
         for name, value in asdict(self).items():
             if isinstance(value, bool) or not (isinstance(value, float | int) and math.isfinite(value)):
                 raise InvalidGripperError(f"{name} is {value!r}; a length in metres is needed")

@@ -102,7 +102,7 @@ class Grasp:
     """Minimum distance of fingers and palm from other strands and objects during the approach, metres. Distances
     above 0.03 are reported as 0.03."""
     table_clearance_m: float
-    """Minimum distance of the fingertips from the table, metres."""
+    """Minimum distance of the fingertips from the table, or from an object under them, metres."""
     score: float
     """Quality of the grasp, from 0 to 1 (best)."""
     trusted: bool = True

@@ -281,7 +281,7 @@ class GraspDocument(_Document):
     """Smallest distance of fingers and palm from other strands and objects during the approach, metres. 0.03 means
     0.03 or more."""
     table_clearance_m: Rounded
-    """Smallest distance of the fingertips from the table, metres."""
+    """Smallest distance of the fingertips from the table, or from an object under them, metres."""
     score: Share
     """Quality of the grasp, 1 is best. It considers clearance, views, sigma, slope, and the distances from ends and
     crossings."""

@@ -43,6 +43,7 @@ FindingCode = Literal[
     "radius-larger",
     "no-grasp",
     "no-trusted-grasp",
+    "low-objects-hidden",
     "no-string-in-view",
     "no-string-found",
     "piece-too-short",
@@ -150,10 +151,10 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "above-table": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The chain lies above the table along nearly all its length. It rests on something, or it is an edge.",
+        meaning="The chain lies above what is beside it, along nearly all its length. It may be an edge.",
         action="Check the table height. Ask a person what lies there.",
         decision="ask a person",
-        value="height of the underside above the table, m",
+        value="height of the underside above the surface on both sides, m",
     ),
     "radius-much-smaller": FindingType(
         severity="doubt",
@@ -246,6 +247,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Resolve the doubt, or ask for all grasps.",
         decision="nothing",
         value="number of these grasps",
+    ),
+    "low-objects-hidden": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The measured table is so noisy that a low object on it cannot be told from the noise.",
+        action="Nothing, if no object there is lower than `value`. Otherwise scan from more views, or closer.",
+        decision="nothing",
+        value="height of the lowest object that can be told from the noise, m; at low noise it is `limit`",
     ),
     "no-string-in-view": FindingType(
         severity="note",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.cross_section import CrossSections, measure_cross_sections
 from recognition.refinement.end_localisation import localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
@@ -88,7 +89,7 @@ def refine(
     surface: Points,
     normals: Points,
     parameters: ChainParameters,
-    table_z_m: float = 0.0,
+    support: SupportSurface | None = None,
     max_merges: int = MAX_MERGES,
 ) -> Refinement:
     """Fit the strands to the surface: measure radii, localise ends and measure cross-sections.
@@ -101,7 +102,7 @@ def refine(
         surface: (M, 3) registered surface points, metres, base frame.
         normals: (M, 3) outward unit normals.
         parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
-        table_z_m: Height of the table, metres, base frame.
+        support: What the strings rest on. None means a table at z = 0.
         max_merges: Maximum number of passes that merge overlapping ends.
 
     Returns:
@@ -112,19 +113,19 @@ def refine(
         The fit is not in the paper. It replaces the means of eqs. (2) and (3), which are biased towards the seen
         surface: upwards, because the underside is hidden, and inwards in bends.
     """
-    r = parameters.r
+    r, support = parameters.r, support or SupportSurface()
     strands = [strand for strand in strands if len(strand.points) > 1]
     if not strands or len(surface) == 0:
         return Refinement([], np.full(len(surface), -1), 0.0)
 
     first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r)
-    measured_radii = _measure_radii(first_fit, table_z_m)
+    measured_radii = _measure_radii(first_fit, support)
     radii = _select_radii(measured_radii, scatter_m, r)
     lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
 
     merged = merge_overlapping_ends(_replace_lines(strands, lines), parameters) if max_merges else None
     if merged is not None:
-        return refine(merged, surface, normals, parameters, table_z_m, max_merges - 1)
+        return refine(merged, surface, normals, parameters, support, max_merges - 1)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
@@ -141,17 +142,17 @@ def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, 
     return fit, assigned.sigma
 
 
-def _measure_radii(fit: TubeFit, table_z_m: float) -> NDArray[np.float64]:
+def _measure_radii(fit: TubeFit, support: SupportSurface) -> NDArray[np.float64]:
     """Return the measured radius (K,) of each string, metres.
 
-    Where a string rests on the table, its radius is half the height of its top. This radius is more accurate than the
-    fitted radius: flying pixels at the rims and noise along the line of sight change the fitted radius by up to 10 %.
-    If half the height of the top exceeds the fitted radius by more than `MAX_RESTING_EXCESS_SHARE`, the string does not
-    rest on the table. The fitted radius is then used.
+    Where a string rests on the table or on a large object, its radius is half the height of its top above it. This
+    radius is more accurate than the fitted radius: flying pixels at the rims and noise along the line of sight change
+    the fitted radius by up to 10 %. If half the height of the top exceeds the fitted radius by more than
+    `MAX_RESTING_EXCESS_SHARE`, the string does not rest on it. The fitted radius is then used.
     """
     measured = fit.radii.copy()
     for k, (line, radius) in enumerate(zip(fit.lines, fit.radii, strict=True)):
-        top = line[:, 2] + radius - table_z_m
+        top = line[:, 2] + radius - support.height_under(line, float(radius))
         resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
         if resting < radius * (1 + MAX_RESTING_EXCESS_SHARE):
             measured[k] = resting

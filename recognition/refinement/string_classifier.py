@@ -13,6 +13,7 @@ from recognition.model.canonical_order import canonical_line, order_key
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.refinement import FittedStrand, Refinement
 
 MIN_LENGTH_RADII = 10.0
@@ -70,6 +71,8 @@ MAX_BESIDE_SHARE = 0.5
 An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
 with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
 """
+RESTING_RADII = (0.5, 2.5)
+"""Height of the centre line of a string above the object that it rests on, in radii; more where it is crossed."""
 ADVICE: Mapping[FindingCode, str] = {
     "piece-hardly-seen": "scan again from more views",
     "piece-not-round": "check the radius",
@@ -89,7 +92,10 @@ class StringClassification:
 
 
 def classify_strings(
-    refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, table_z_m: float = 0.0
+    refinement: Refinement,
+    surface: NDArray[np.float64],
+    parameters: ChainParameters,
+    support: SupportSurface | None = None,
 ) -> StringClassification:
     """Select the fitted strands that are strings.
 
@@ -100,15 +106,15 @@ def classify_strings(
         refinement: Fitted strands, and the strand index of each surface point.
         surface: (M, 3) registered surface points, metres, base frame.
         parameters: Method parameters; uses the radius r.
-        table_z_m: Height of the table, metres, base frame.
+        support: What the strings rest on. None means a table at z = 0.
 
     Returns:
         The strings in the order of the model, and the findings on the excluded strands. An excluded strand that may be
-        a string gives a doubt: a long one that was hardly seen, and one that lies alone on the table, unless it is
-        certainly square.
+        a string gives a doubt: a long one that was hardly seen, one that lies alone on the table, unless it is
+        certainly square, and a long one that lies on a large object as a string would.
     """
-    strands = refinement.strands
-    on_tube_shares = _on_tube_shares(refinement, surface, parameters.r)
+    strands, support = refinement.strands, support or SupportSurface()
+    on_tube_shares = _on_tube_shares(refinement, surface, parameters, support)
     kept: list[int] = []
     excluded: list[tuple[int, FindingCode, str]] = []
     lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
@@ -124,7 +130,7 @@ def classify_strings(
             code, reason = "piece-hardly-seen", "hardly any surface supports it"
         elif not is_round:
             code, reason = "piece-not-round", "its surface is not round enough"
-        elif _is_in_table(strand, table_z_m):
+        elif _is_in_table(strand, support.table_z_m):
             code, reason = "piece-in-table", "its tube would reach into the table"
         else:
             kept.append(k)
@@ -142,6 +148,8 @@ def classify_strings(
             case _:
                 is_tube = on_tube_shares[k] >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
                 may_be_string = is_tube and _lies_alone(strand, kept_strands, surface, parameters.r)
+                is_long = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
+                may_be_string |= is_long and _rests_on_object(strand, support)
         if may_be_string:
             possible.append(excluded_piece("possible-string", strand.points, length, f"{reason}; {ADVICE[code]}"))
         else:
@@ -181,24 +189,37 @@ def _lies_alone(strand: FittedStrand, kept: Sequence[FittedStrand], surface: NDA
     return float(np.mean(KDTree(beside).query(strand.points)[0] < BESIDE_RADII[1] * radius)) <= MAX_BESIDE_SHARE
 
 
+def _rests_on_object(strand: FittedStrand, support: SupportSurface) -> bool:
+    """Return whether a strand lies on a large object as a string would, about one radius above it."""
+    height = support.height_under(strand.points, strand.radius_m)
+    above = float(np.median(strand.points[:, 2])) - height
+    low, high = (share * strand.radius_m for share in RESTING_RADII)
+    return height > support.table_z_m and low <= above <= high
+
+
 def _is_in_table(strand: FittedStrand, table_z_m: float) -> bool:
     height = float(np.percentile(strand.points[:, 2], HEIGHT_PERCENTILE)) - table_z_m
     return height < MIN_HEIGHT_SHARE * strand.radius_m
 
 
-def _on_tube_shares(refinement: Refinement, surface: NDArray[np.float64], r: float) -> NDArray[np.float64]:
+def _on_tube_shares(
+    refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, support: SupportSurface
+) -> NDArray[np.float64]:
     """Return the share (K,) of the surface points beside each strand that lie on its tube, 0 to 1.
 
-    Each surface point counts for the nearest strand only.
+    Each surface point counts for the nearest strand only. Beside a strand that rests on an object, only points at more
+    than z_t above the object count, as the height threshold has removed the table but not the object.
     """
     strands = refinement.strands
     if not strands:
         return np.empty(0)
     strand_of_line_point = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
-    radii = np.array([max(strand.radius_m, r) for strand in strands])
+    radii = np.array([max(strand.radius_m, parameters.r) for strand in strands])
+    floor = np.array([support.height_under(strand.points, strand.radius_m) for strand in strands])
+    lowest = np.where(floor > support.table_z_m, floor + parameters.z_t, -np.inf)
     distance, indices = KDTree(np.vstack([strand.points for strand in strands])).query(surface)
     nearest = strand_of_line_point[np.asarray(indices)]
-    is_beside = np.asarray(distance) < MAX_BESIDE_RADII * radii[nearest]
+    is_beside = (np.asarray(distance) < MAX_BESIDE_RADII * radii[nearest]) & (surface[:, 2] > lowest[nearest])
     nearest, actual = nearest[is_beside], refinement.strand_of_point[is_beside]
     count = np.bincount(nearest, minlength=len(strands))
     return np.bincount(nearest, actual == nearest, len(strands)) / np.maximum(count, 1)

@@ -4,10 +4,10 @@ import numpy as np
 
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
+from recognition.grasping.local_floor import LocalFloor
 from recognition.model.chains import Chain, Crossing, Grasp
 from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.target_cloud import Scene
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -16,6 +16,8 @@ HALF_FINGER = GRIPPER.finger_width_m / 2
 NOTHING = np.empty((0, 3))
 TABLE_Z = 0.3
 """Not 0, so that a height and a height above the table differ."""
+BARE_TABLE = LocalFloor(-50.0, -50.0, 100.0, np.full((1, 1), TABLE_Z), np.zeros((1, 1), dtype=bool), 0.0012, TABLE_Z)
+"""A table without objects, in one cell."""
 
 
 def chain(points: np.ndarray, number: int = 0, closed: bool = False, sigma: float = 0.0, r: float = R) -> Chain:
@@ -38,9 +40,10 @@ def grasps_of(
     surface: np.ndarray = NOTHING,
     gripper: Gripper = GRIPPER,
     parameters: ChainParameters = PARAMETERS,
+    floor: LocalFloor = BARE_TABLE,
 ) -> tuple[tuple[Grasp, ...], tuple[Finding, ...]]:
     """Return the grasps, and the findings. Each finding must be the note on a chain without a grasp."""
-    found = find_grasps(chains, crossings, surface, Scene(table_z_m=TABLE_Z), parameters, gripper)
+    found = find_grasps(chains, crossings, surface, floor, parameters, gripper)
     assert {(note.code, note.severity) for note in found.findings} <= {("no-grasp", "note")}
     without = {one.id for one in chains} - {grasp.chain for grasp in found.grasps}
     assert sorted(note.chains for note in found.findings) == [(number,) for number in sorted(without)]

@@ -101,6 +101,17 @@ def of_plane(view: View, z_m: float, finer: int = 1) -> View:
     return replace(view, depth=depth.astype(np.uint16), K=K)
 
 
+def with_noisy_table(scan: SimulatedScan, sigma_m: float) -> list[View]:
+    """Return the views of a scan with noise on all pixels but those of the string and its edge."""
+    rng, noisy = np.random.default_rng(1), []
+    for view in scan.views:
+        plane = of_plane(view, 0.003).depth.astype(np.float64)
+        is_table = (view.depth > plane) & (view.depth > 0)
+        noise = rng.normal(0, sigma_m / view.depth_unit_m, view.depth.shape)
+        noisy.append(replace(view, depth=np.where(is_table, view.depth + noise, view.depth).astype(np.uint16)))
+    return noisy
+
+
 # --- parts of chains and crossings ---
 
 
@@ -151,7 +162,7 @@ def string_into_box() -> Sequence[Finding]:
 
 def fold_of_an_object() -> Sequence[Finding]:
     """An edge of an object is recognised as a chain."""
-    return findings_of(simulate(make_scene("empty", 177), camera_model("oak-d-pro"), 177), half_m=None)
+    return findings_of(simulate(make_scene("empty", 11), camera_model("oak-d-pro"), 11), half_m=None)
 
 
 @cache
@@ -261,6 +272,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "radius-smaller": with_radius(0.005),
     "radius-larger": with_radius(0.0036),
     "no-grasp": lambda: findings_of(one_string(), gripper=Gripper(stroke_m=0.008)),
+    "low-objects-hidden": lambda: findings_of(one_string(), views=with_noisy_table(one_string(), 0.001)),
     "no-trusted-grasp": raised,
     "no-string-in-view": lambda: findings_of(one_string(), views=[of_plane(view, 0.0) for view in one_string().views]),
     "no-string-found": lambda: findings_of(scanned(boxes=[Box((0, 0), (0.08, 0.05, 0.02), 0.2)])),
@@ -318,6 +330,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "radius-larger": has("chains value limit", "above"),
     "no-grasp": has("chains"),
     "no-trusted-grasp": has("chains value"),
+    "low-objects-hidden": has("value limit", "above"),
     "no-string-in-view": has(""),
     "no-string-found": has(""),
     "piece-too-short": has("point value"),

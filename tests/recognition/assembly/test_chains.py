@@ -220,7 +220,7 @@ def test_a_string_that_nothing_supports_is_a_doubt(seen: Callable, straight: Cal
     # 0.6 r above the table; the depth noise is 0.05 r.
     assert doubt.value == pytest.approx(0.6 * R, abs=0.1 * R)
     assert doubt.limit == pytest.approx(MAX_TABLE_GAP_RADII * R, rel=0.05)
-    assert "above the table along nearly all its length" in doubt.message
+    assert "above what is beside it along nearly all its length" in doubt.message
     # One that rests on another in the middle lies on the table elsewhere.
     over = straight((0, 0, R), (0.2, 0, R))
     over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))

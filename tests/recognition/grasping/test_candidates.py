@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from recognition.grasping.candidates import (
     MAX_POSITIONS_PER_CHAIN,
     MAX_RELEVANT_DISTANCE_M,
+    NO_ROOM,
     STEP_M,
     GraspCandidates,
     find_candidates,
@@ -77,8 +78,7 @@ def test_a_straight_string_has_positions_every_step_except_half_a_finger_from_it
 
 def test_the_remaining_positions_are_counted_with_the_obstacles() -> None:
     _, message = find_candidates(straight(), (), PARAMETERS, GRIPPER)
-    touched = "where the gripper would touch the table, another strand or an object"
-    assert message == f"of 39 positions along it, 39 are {touched}"
+    assert message == f"of 39 positions along it, 39 are {NO_ROOM}"
 
 
 def test_a_long_string_has_fewer_positions_per_metre() -> None:

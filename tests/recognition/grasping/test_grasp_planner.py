@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
+from recognition.grasping.grasp_planner import MIN_REACH_SHARE
 from recognition.grasping.gripper import Gripper
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.model import PointChainModel
@@ -83,17 +84,21 @@ def test_no_grasp_where_no_view_saw_the_string() -> None:
     assert grasps_of(few)[0][0].score == pytest.approx(grasps_of(seen)[0][0].score / 3, rel=1e-6)
 
 
-@pytest.mark.parametrize(("apart", "possible"), [(0.0085, False), (0.0145, False), (0.0175, True), (0.03, True)])
-def test_strands_side_by_side_need_room_for_a_finger(apart: float, possible: bool) -> None:
-    # A finger's outer face is 6.2 + 5 mm from the centre line, the other strand begins r before its own, and 1 mm is
-    # kept: from 16.4 mm on there is room.
+@pytest.mark.parametrize(
+    ("apart", "margin_share"),
+    [(0.0085, None), (0.0145, None), (0.0157, 0.5), (0.0175, 0.5), (0.0195, 1.0), (0.03, 1.0)],
+)
+def test_strands_side_by_side_need_room_for_a_finger(apart: float, margin_share: float | None) -> None:
+    # A finger's outer face is 6.2 + 5 mm from the centre line, or 5.2 + 5 mm with half the margin. The other strand
+    # begins r before its own, and 1 mm is kept: from 15.4 mm on there is room, and from 18.4 mm on 3 mm of it.
     grasps, notes = grasps_of(straight(), straight(y=apart, number=1))
-    assert bool(grasps) == possible
-    if possible:
-        outer = 0.0112 + R
-        assert {round(grasp.clearance_m, 4) for grasp in grasps if abs(grasp.T_base_grasp[2, 2]) > 0.999} == {
-            round(apart - outer, 4)
-        }
+    assert bool(grasps) == (margin_share is not None)
+    if margin_share is not None:
+        opening = 2 * R + margin_share * GRIPPER.opening_margin_m
+        assert {round(grasp.opening_m, 6) for grasp in grasps} == {round(opening, 6)}
+        assert all(grasp.T_base_grasp[2, 2] == -1 for grasp in grasps)
+        outer = opening / 2 + GRIPPER.finger_thickness_m + R
+        assert {round(grasp.clearance_m, 6) for grasp in grasps} == {round(apart - outer, 6)}
     else:
         assert len(notes) == 2
         assert "would touch" in notes[0].message
@@ -113,8 +118,9 @@ def test_a_string_too_thin_for_fingers_above_the_table_is_a_note() -> None:
     grasps, notes = grasps_of(thin)
     assert grasps == ()
     assert "touch the table" in notes[0].message
-    grasps, _ = grasps_of(thin, gripper=Gripper(table_clearance_m=0.0005))
-    assert {round(grasp.reach_m, 6) for grasp in grasps} == {0.0005}
+    # Fingertips that may come closer to the table reach the least share of the radius beyond the centre line.
+    grasps, _ = grasps_of(thin, gripper=Gripper(min_table_clearance_m=0.0005))
+    assert {round(grasp.reach_m, 6) for grasp in grasps} == {round(MIN_REACH_SHARE * 0.001, 6)}
 
 
 def test_a_chain_shorter_than_a_finger_is_a_note() -> None:
@@ -180,7 +186,8 @@ def test_grasps_on_random_chains_are_possible(chains: tuple[Chain, ...], count: 
         assert 0 <= grasp.s_m <= chains[grasp.chain].length_m
         assert 2 * chains[grasp.chain].radius_m < grasp.opening_m <= GRIPPER.stroke_m
         assert GRIPPER.clearance_m <= grasp.clearance_m <= MAX_RELEVANT_DISTANCE_M
-        assert grasp.table_clearance_m >= GRIPPER.table_clearance_m - 1e-9
+        assert grasp.table_clearance_m >= GRIPPER.min_table_clearance_m - 1e-9
+        assert grasp.reach_m >= MIN_REACH_SHARE * chains[grasp.chain].radius_m - 1e-9
         assert 0 <= grasp.score <= 1
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.refinement import FittedStrand, refine
 from recognition.strand import Strand
 
@@ -105,7 +106,7 @@ def test_the_table_need_not_be_at_zero(seen: Callable, straight: Callable) -> No
     # Noise along the line of sight makes the fitted radius 5 % too large. The height of the top gives the radius.
     surface, normals = seen([axis], radii=[1.05 * R])
     surface = surface - (0, 0, 0.05 * R)
-    found = refine([strand(axis[::4])], surface, normals, PARAMETERS, table_z_m=-0.2)
+    found = refine([strand(axis[::4])], surface, normals, PARAMETERS, SupportSurface(-0.2))
     assert found.strands[0].measured_radius_m == pytest.approx(R, rel=0.005)
 
 
@@ -252,7 +253,7 @@ def test_the_fit_moves_and_grows_with_the_string(
 
     lines = [strand(moved(c[::4])) for c in strands]
     parameters = ChainParameters.for_radius(scale * R)
-    after = refine(lines, moved(surface), normals @ rotation.T, parameters, table_z_m=scale * shift[2])
+    after = refine(lines, moved(surface), normals @ rotation.T, parameters, SupportSurface(scale * shift[2]))
     for one, other in zip(before.strands, after.strands, strict=True):
         # No voxels here: but for a point that rounding puts beyond a limit, the same sums.
         np.testing.assert_allclose(other.points, moved(one.points), rtol=0, atol=0.01 * scale * R)

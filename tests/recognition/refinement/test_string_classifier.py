@@ -8,6 +8,7 @@ import pytest
 
 from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.refinement import FittedStrand, Refinement
 from recognition.refinement.string_classifier import (
     MAX_SQUARENESS,
@@ -227,4 +228,4 @@ def test_a_tube_that_reaches_into_the_table_is_no_string(seen: Callable, straigh
     assert len(selected(surface, fitted(sunk))[0]) == 1
     lower = fitted(line - (0, 0, R))
     refinement = Refinement([lower], np.zeros(len(surface), dtype=np.int64), 0.0002)
-    assert len(classify_strings(refinement, surface - (0, 0, R), PARAMETERS, -R).strings) == 1
+    assert len(classify_strings(refinement, surface - (0, 0, R), PARAMETERS, SupportSurface(-R)).strings) == 1
