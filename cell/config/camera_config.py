@@ -27,6 +27,11 @@ SCENES = (
     "end-on-strand",
     "long",
     "empty",
+    "bar",
+    "plate",
+    "post",
+    "slot",
+    "wall",
 )
 """Names of the scenes of a simulated camera, each with its generator in `cell.simulation.scenes`."""
 

@@ -8,10 +8,11 @@ from cell.simulation.offline_scan import SimulatedScan
 from cell.simulation.offline_scan import simulate as simulate_scene
 from cell.simulation.pose_errors import PoseErrors
 from cell.simulation.rendering.depth_camera import CameraModel, camera_model
+from cell.simulation.scenes.low_obstacles import KINDS
 from cell.simulation.scenes.scenes import SceneError, StringScene, make_scene
 from cell.simulation.scenes.strand_clearance import MIN_SIDE_CLEARANCE, SIDE_CLEARANCE
 
-TIERS = ("paper", "long", "many", "physical", "soft", "photo", "hard", "measured")
+TIERS = ("paper", "long", "many", "physical", "soft", "photo", "hard", "measured", "fixtures")
 """Names of all tiers. The index of a tier is part of the seed, so a new tier goes last."""
 
 MEASURED_ERRORS = PoseErrors(robot_m=0.0001, robot_rad=0.0002, smooth_m=0.0006, smooth_rad=float(np.deg2rad(0.15)))
@@ -58,6 +59,8 @@ def make_case(tier: str, seed: int) -> Case:
       at 1280x800, the second r = 3 mm and boxes beside the string, the third a string of 1 m with five crossings.
     - `measured`: scenes of `paper` and `long` in turn, with the errors of real cameras and smooth errors of the
       reported flange pose.
+    - `fixtures`: one string of 0.4 m, r = 3, 4.2 or 5 mm, no or one crossing, with low or thin objects: in turn bars, a
+      plate, posts, slots and walls.
 
     Args:
         tier: One of `TIERS`.
@@ -118,6 +121,9 @@ def _draw(tier: str, seed: int, rng: np.random.Generator) -> Case:
             # The total length of all strings grows with the number of crossings.
             total_m = float(rng.uniform(0.5, 1.2) + 0.25 * (strings - 1) + 0.1 * crossings)
             scene = make_scene("tangle", scene_seed, 0.003, total_m / strings, crossings=crossings, strings=strings)
+        case "fixtures":
+            radius_m = float(rng.choice([0.003, 0.0042, 0.005]))
+            scene = make_scene(KINDS[seed % len(KINDS)], scene_seed, radius_m)
         case _:
             errors = errors.scaled(2.0)
             if seed % 3 == 0:

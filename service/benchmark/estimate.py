@@ -24,6 +24,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "photo": (4.2,),
     "hard": (3.3, 4.6, 2.1),
     "measured": (1.1, 1.6),
+    "fixtures": (1.1, 1.4, 1.4, 1.2, 1.2),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

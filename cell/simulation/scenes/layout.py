@@ -61,6 +61,8 @@ def draft(rng: np.random.Generator, request: SceneRequest) -> Draft:
             return _wandering(rng, request)
         case "tangle":
             return _tangle(rng, request)
+        case "bar" | "plate" | "post" | "slot" | "wall":
+            return _gentle(rng, request)
         case "mixed-radii":
             return _mixed(rng, request)
         case "ring" | "long" | "stacked" | "side-by-side" | "end-on-strand":
@@ -160,6 +162,19 @@ def _tangle(rng: np.random.Generator, request: SceneRequest) -> Draft:
         min_angle_rad=float(np.deg2rad(25.0)),
     )
     return _wander(rng, request, lengths_m, settings, crossings)
+
+
+def _gentle(rng: np.random.Generator, request: SceneRequest) -> Draft:
+    """Return a gently curved string with at most one crossing, beside which a straight object has room."""
+    crossings = int(rng.integers(2)) if request.crossings is None else request.crossings
+    settings = CourseSettings(
+        request.radius_m,
+        request.clearance,
+        bend_radius=min(float(rng.uniform(5.0, 9.0)), 0.075 * request.length_m / request.radius_m),
+        bends_per_m=12.0,
+        gentleness=2.0,
+    )
+    return _wander(rng, request, [request.length_m], settings, crossings)
 
 
 def _mixed(rng: np.random.Generator, request: SceneRequest) -> Draft:

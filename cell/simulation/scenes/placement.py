@@ -1,9 +1,13 @@
 """Strings in space for courses on the table, with a check that they can lie there."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.layout import Draft, SceneRequest, choose_over
+from cell.simulation.scenes.low_obstacles import support_heights
 from cell.simulation.scenes.planar_crossings import PlanCrossing, is_closed, plan_crossings
 from cell.simulation.scenes.rod_relaxation import settle
 from cell.simulation.scenes.shapes import STEP_M, tightest_bend
@@ -23,8 +27,16 @@ _TOUCH = 0.02
 """Largest overlap of strands, relative to the sum of their radii. Contacts hold at points 1 mm apart."""
 
 
-def lay_down(rng: np.random.Generator, drawn: Draft, request: SceneRequest) -> list[NDArray[np.float64]]:
+def lay_down(
+    rng: np.random.Generator, drawn: Draft, request: SceneRequest, plates: Sequence[Box] = ()
+) -> list[NDArray[np.float64]]:
     """Return the centre lines (N, 3) of a draft's strings, with random over and under.
+
+    Args:
+        rng: Generator of over and under.
+        drawn: Courses and radii of the strings.
+        request: Requested properties of the scene.
+        plates: Boxes under the strings. The strings lie on them, and on the table beside them.
 
     Raises:
         HeightsError: The strings cannot lie like that.
@@ -38,7 +50,7 @@ def lay_down(rng: np.random.Generator, drawn: Draft, request: SceneRequest) -> l
     if not drawn.touching and not strands_apart(plan, found, MIN_SIDE_CLEARANCE * max(radii_m)):
         raise HeightsError("strands touch side by side")
     over = choose_over(request.name, rng, found)
-    raised = _raised(drawn, found, over, request.softness)
+    raised = _raised(drawn, found, over, request.softness, plates)
     if request.name == "settled":
         raised = _settled(rng, raised, found, request)
     curves = [_cut(curve, length_m, drawn.from_start) for curve, length_m in zip(raised, drawn.lengths_m, strict=True)]
@@ -48,10 +60,11 @@ def lay_down(rng: np.random.Generator, drawn: Draft, request: SceneRequest) -> l
 
 
 def _raised(
-    drawn: Draft, found: tuple[PlanCrossing, ...], over: list[bool], softness: float
+    drawn: Draft, found: tuple[PlanCrossing, ...], over: list[bool], softness: float, plates: Sequence[Box]
 ) -> list[NDArray[np.float64]]:
     """Return the courses (N, 3) with their heights. Rings are shortened by the length for the heights."""
-    heights = lay(drawn.plan, found, over, drawn.radii_m, softness)
+    support_m = [support_heights(xy, radius_m, plates) for xy, radius_m in zip(drawn.plan, drawn.radii_m, strict=True)]
+    heights = lay(drawn.plan, found, over, drawn.radii_m, softness, support_m)
     curves = [np.column_stack([xy, z]) for xy, z in zip(drawn.plan, heights, strict=True)]
     if not any(is_closed(curve) for curve in curves):
         return curves

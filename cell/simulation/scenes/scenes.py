@@ -9,6 +9,7 @@ from cell.config.camera_config import SCENES
 from cell.config.strict_model import unit_hint
 from cell.simulation.scenes.clutter import Box, Clump, fixture_edge, place_boxes, place_clump
 from cell.simulation.scenes.layout import SceneError, SceneRequest, draft
+from cell.simulation.scenes.low_obstacles import KINDS, draw_plate, place_low_objects
 from cell.simulation.scenes.placement import lay_down
 from cell.simulation.scenes.planar_crossings import is_closed
 from cell.simulation.scenes.stacking_heights import HeightsError
@@ -27,7 +28,7 @@ class StringScene:
     curves: tuple[NDArray[np.float64], ...]
     """Centre line of each string (N, 3), in steps of about 1 mm. The ends are square, without a cap."""
     boxes: tuple[Box, ...] = field(default=())
-    """Boxes beside the strings."""
+    """Boxes beside or under the strings."""
     clumps: tuple[Clump, ...] = field(default=())
     """Clumps beside the strings."""
     radii_m: tuple[float, ...] = field(default=())
@@ -48,7 +49,7 @@ class StringScene:
 _DRAWS = 12
 """Number of drafts that are tried for a scene."""
 
-_ONE_OR_NO_CROSSING = ("ring", "end-on-strand")
+_ONE_OR_NO_CROSSING = ("ring", "end-on-strand", *KINDS)
 _CROSSINGS = ("coil", "several", "random", "tangle", "settled", "mixed-radii", *_ONE_OR_NO_CROSSING)
 _STRINGS = {
     "several": (1, 6),
@@ -88,6 +89,8 @@ def make_scene(
     - end-on-strand: an end that lies on another strand (`crossings` 1) or butts against its side (0)
     - long: a flat spiral
     - empty: no string, but the edge of a fixture, a clump like a hand, and boxes
+    - bar, post, slot, wall: a gently curved string with no or one crossing, and low or thin objects beside it
+    - plate: the same string, partly or wholly on a plate
 
     Args:
         name: One of `SCENES`.
@@ -106,9 +109,10 @@ def make_scene(
     """
     _check(name, seed, radius_m, length_m, softness, crossings, clutter, strings, clearance)
     rng = np.random.default_rng([SCENES.index(name), seed])
-    curves, radii_m = _lay(rng, SceneRequest(name, radius_m, length_m, softness, crossings, strings, clearance))
-    edges = (fixture_edge(rng),) if name == "empty" else ()
-    boxes = place_boxes(rng, curves, radius_m, clutter, edges)
+    request = SceneRequest(name, radius_m, length_m, softness, crossings, strings, clearance)
+    curves, radii_m, objects = _lay(rng, request)
+    standing = (fixture_edge(rng),) if name == "empty" else objects
+    boxes = place_boxes(rng, curves, radius_m, clutter, standing)
     clump = place_clump(rng, boxes) if name == "empty" and boxes is not None else None
     if boxes is None or (name == "empty" and clump is None):
         raise SceneError(f"{name}: there is no room for {clutter} boxes beside the strings; use fewer")
@@ -116,22 +120,30 @@ def make_scene(
     return StringScene(f"{name}-{seed}", radii_m[0] if radii_m else radius_m, curves, boxes, clumps, radii_m)
 
 
-def _lay(rng: np.random.Generator, request: SceneRequest) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...]]:
-    """Return the centre lines (N, 3) and radii.
+def _lay(
+    rng: np.random.Generator, request: SceneRequest
+) -> tuple[tuple[NDArray[np.float64], ...], tuple[float, ...], tuple[Box, ...]]:
+    """Return the centre lines (N, 3), the radii, and the objects that belong to the scene.
 
-    The draft is repeated if strands touch, or cannot lie over each other.
+    The draft is repeated if strands touch, if they cannot lie over each other, or if no object fits beside them.
     """
     if request.name == "empty":
-        return (), ()
+        return (), (), ()
     reason = ""
     for _ in range(_DRAWS):
         drawn = draft(rng, request)
+        objects: tuple[Box, ...] | None = (draw_plate(rng, drawn.plan),) if request.name == "plate" else ()
         try:
-            curves = lay_down(rng, drawn, request)
+            curves = lay_down(rng, drawn, request, objects)
         except HeightsError as error:
             reason = str(error)
             continue
-        return tuple(curves), tuple(drawn.radii_m)
+        if request.name in KINDS and request.name != "plate":
+            objects = place_low_objects(rng, request.name, curves, request.radius_m)
+        if objects is None:
+            reason = "no object fits beside the string"
+            continue
+        return tuple(curves), tuple(drawn.radii_m), objects
     raise SceneError(
         f"{request.name}: {reason} when a string of {request.length_m:g} m has a radius of {request.radius_m:g} m; "
         "use a longer or a thinner one"

@@ -27,13 +27,15 @@ def lay(
     first_over: Sequence[bool],
     radii_m: Sequence[float],
     softness: float,
+    support_m: Sequence[NDArray[np.float64]] | None = None,
 ) -> list[NDArray[np.float64]]:
     """Return the heights (N,) of the centre lines of strings with given courses on the table.
 
     The strings are as low as possible under three conditions, which is a linear programme in the heights. No point is
-    lower than the radius. Points of two strands have at least `softness` times the sum of their radii between them, the
-    over strand above. Ramps bend no tighter than one of `BEND_RADII` and are no steeper than `MAX_SLOPE`. Elasticity
-    beyond the bend limit, friction, and the bending of the under strand by the weight are not modelled.
+    lower than the radius, or than its support. Points of two strands have at least `softness` times the sum of their
+    radii between them, the over strand above. Ramps bend no tighter than one of `BEND_RADII` and are no steeper than
+    `MAX_SLOPE`. Elasticity beyond the bend limit, friction, and the bending of the under strand by the weight are not
+    modelled.
 
     Args:
         plan: Courses (N, 2) in even steps.
@@ -41,6 +43,7 @@ def lay(
         first_over: Whether the first strand of each crossing is the upper one.
         radii_m: Radius of each string.
         softness: Height between centre lines in contact, relative to the sum of the radii.
+        support_m: Smallest height (N,) of each point of each string, metres. None: the radius of the string.
 
     Raises:
         HeightsError: The conditions contradict each other.
@@ -58,6 +61,8 @@ def lay(
     slope_limit = MAX_SLOPE * slope_steps / unit_m
     thickness = np.array([radius_m / unit_m for radius_m in radii_m])
     lowest = np.repeat(thickness, [len(curve) for curve in plan])
+    if support_m is not None:
+        lowest = np.maximum(lowest, np.concatenate(list(support_m)) / unit_m)
     A = csr_array(vstack([slope_rows, -slope_rows, bend_rows, -bend_rows, -contact_rows]))
     joints = _joints(plan, offsets)
     for bend in BEND_RADII:
