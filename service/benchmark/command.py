@@ -189,6 +189,8 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
     emit(f"\n{tables.sigma_table(sigma)}")
     findings = accuracy.findings_by_tier(results)
     emit(f"\n{tables.findings_table(findings)}")
+    grasps = accuracy.grasps_by_tier(results)
+    emit(f"\n{tables.grasps_table(grasps)}")
     return {
         "accuracy": {
             tier: {method: asdict(summary) for method, summary in methods.items()}
@@ -198,6 +200,7 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
         "findings": {
             tier: {method: asdict(counts) for method, counts in methods.items()} for tier, methods in findings.items()
         },
+        "grasps": {name: asdict(counts) for name, counts in grasps.items()},
         "cases": [accuracy.case_json(result) for result in results],
     }
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cell.simulation.benchmark.finding_counts import FindingCounts, ModelFindings, count_findings, model_findings
+from cell.simulation.benchmark.grasp_counts import GraspCounts, JudgedGrasps, count_grasps, judge_grasps
 from cell.simulation.benchmark.intervals import Interval, wilson_interval
 from cell.simulation.benchmark.sigma_coverage import SigmaCounts, sigma_counts, sigma_shares
 from cell.simulation.benchmark.worker_pool import map_in_processes
@@ -35,6 +36,10 @@ class CaseResult:
     """Points within two sigma of the truth, or None if recognition refused the case."""
     findings: ModelFindings | None = None
     """Verdict and findings of the model, or None if recognition refused the case."""
+    grasps: JudgedGrasps | None = None
+    """Grasps of a model of the method `graph`. None for other methods, or if recognition refused the case."""
+    kind: str | None = None
+    """Kind of the scene, in a tier that has several kinds of objects."""
 
 
 @dataclass(frozen=True)
@@ -80,21 +85,24 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
         One result for each of `METHODS`, in their order.
     """
     from cell.simulation.cases import make_case, simulate
+    from cell.simulation.scenes.low_obstacles import kind_of
     from recognition.errors import RecognitionError
     from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise
     from recognition.preprocessing.target_cloud import Scene
 
     tier, seed = tier_and_seed
-    scan = simulate(make_case(tier, seed))
+    case = make_case(tier, seed)
+    scan, kind = simulate(case), kind_of(case.scene.name)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     results = []
     for method in METHODS:
         try:
             parameters = ChainParameters.for_radius(scan.truth["radius"])
-            model = recognise(scan.views, parameters, scene, method).model.to_json()
+            recognised = recognise(scan.views, parameters, scene, method).model
+            model = recognised.to_json()
         except RecognitionError as error:
-            results.append(CaseResult(tier, seed, method, None, f"{error.slug}: {error}"))
+            results.append(CaseResult(tier, seed, method, None, f"{error.slug}: {error}", kind=kind))
         except Exception as error:
             error.add_note(f"while {method} recognised {tier}, seed {seed}")
             raise
@@ -107,6 +115,9 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
                     score(model, scan.truth),
                     sigma=sigma_counts(model, scan.truth),
                     findings=model_findings(model),
+                    # All methods have the same grasp planner.
+                    grasps=judge_grasps(recognised.grasps, case.scene) if method == "graph" else None,
+                    kind=kind,
                 )
             )
     return results
@@ -166,6 +177,15 @@ def findings_by_tier(results: Iterable[CaseResult]) -> dict[str, dict[str, Findi
         }
         for tier, methods in _group(results).items()
     }
+
+
+def grasps_by_tier(results: Iterable[CaseResult]) -> dict[str, GraspCounts]:
+    """Return the judged grasps of the method `graph` by tier, and by kind of object in a tier that has several."""
+    groups: dict[str, list[JudgedGrasps]] = {}
+    for result in results:
+        if result.grasps is not None:
+            groups.setdefault(" ".join(filter(None, (result.tier, result.kind))), []).append(result.grasps)
+    return {name: count_grasps(judged) for name, judged in groups.items()}
 
 
 def case_json(result: CaseResult) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from typing import Any, get_args
 
 from cell.simulation.benchmark.accuracy import Summary
 from cell.simulation.benchmark.finding_counts import FindingCounts
+from cell.simulation.benchmark.grasp_counts import GraspCounts
 from cell.simulation.benchmark.intervals import Interval
 from cell.simulation.benchmark.scaling import Growth, Row
 from cell.simulation.benchmark.speed import Speed
@@ -73,6 +74,45 @@ def findings_table(findings: Mapping[str, Mapping[str, FindingCounts]]) -> str:
     ]
     columns = [f"{kind}: {verdict}" for kind in ("right", "wrong") for verdict in get_args(Verdict)]
     return table(("tier", "method", *columns, "models with each finding"), rows)
+
+
+def grasps_table(grasps: Mapping[str, GraspCounts]) -> str:
+    """Return the table of the grasps by the true geometry, with one row for each tier and kind of object."""
+    columns = (
+        "tier, objects",
+        "scenes",
+        "without grasp",
+        "grasps",
+        "finger on table",
+        "on object",
+        "on other strand",
+        "on gripped strand",
+        "palm",
+        "off string",
+        "best grasp touches",
+    )
+    rows = [
+        (
+            name,
+            *(
+                str(count)
+                for count in (
+                    c.scenes,
+                    c.scenes - c.with_grasps,
+                    c.grasps,
+                    c.on_table,
+                    c.on_object,
+                    c.on_string,
+                    c.on_gripped,
+                    c.by_palm,
+                    c.off_string,
+                    c.best_touching,
+                )
+            ),
+        )
+        for name, c in grasps.items()
+    ]
+    return table(columns, rows)
 
 
 def speed_table(speed: Speed) -> str:

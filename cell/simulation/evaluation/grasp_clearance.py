@@ -83,8 +83,16 @@ class GraspClearance:
 
     @property
     def touches(self) -> bool:
-        """Whether a fingertip, a finger or the palm touches the table, a box or a strand that is not gripped."""
-        return min(self.fingers.obstacle_m, self.palm.obstacle_m) <= 0
+        """Whether a finger or the palm touches the table, a box or a strand that is not gripped.
+
+        The fingers may touch it on the approach, or while they close.
+        """
+        return min(self.fingers.obstacle_m, self.palm.obstacle_m, self.between.obstacle_m) <= 0
+
+    @property
+    def finger_contact(self) -> tuple[str, ...]:
+        """What a finger touches on the approach or while the fingers close: `table`, `box`, `string` or `gripped`."""
+        return tuple(dict.fromkeys(self.fingers.contact + self.between.contact))
 
 
 def grasp_clearances(

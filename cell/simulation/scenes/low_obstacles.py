@@ -32,6 +32,12 @@ _FINE_M = STEP_M / 4
 """Step of the centre lines from which distances are measured. It adds at most 2 micrometres to a distance."""
 
 
+def kind_of(scene_name: str) -> str | None:
+    """Return the kind of a scene by its name, such as `bar-7`. None: it has no low objects."""
+    kind = scene_name.rpartition("-")[0]
+    return kind if kind in KINDS else None
+
+
 def draw_plate(rng: np.random.Generator, plan: Sequence[NDArray[np.float64]]) -> Box:
     """Return a plate under a part of the strings, or under all of them.
 

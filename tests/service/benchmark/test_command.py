@@ -56,8 +56,10 @@ def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.Captur
     assert "2 scenes by " in err
     assert "tier paper is done (about " in err
     assert "tier soft is done (about 0 s left)" in err
-    assert set(document) == {"machine", "accuracy", "sigma", "findings", "cases"}
+    assert set(document) == {"machine", "accuracy", "sigma", "findings", "grasps", "cases"}
     assert set(document["accuracy"]) == {"paper", "soft"}
+    assert set(document["grasps"]) == {"paper", "soft"}
+    assert document["grasps"]["paper"]["grasps"] > 0
     assert [(case["tier"], case["seed"]) for case in document["cases"][:: len(METHODS)]] == [("paper", 0), ("soft", 0)]
     for method in METHODS:
         summary = document["accuracy"]["paper"][method]
