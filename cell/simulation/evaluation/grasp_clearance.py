@@ -3,7 +3,7 @@
 The gripper consists of three boxes: two fingers and a palm. Each approaches straight along z of the grasp frame, so its
 swept volume is a longer box. Distances of these boxes from the table and from boxes are exact. A string is a tube with
 square ends. Its side counts as spheres every 0.25 mm along the centre line, and the last radius at each end as surface
-points at most 0.2 mm apart. So a distance from a string is at most 0.02 mm too large beside it and 0.15 mm at its ends.
+points 0.25 mm apart. So a distance from a string is at most 0.02 mm too large beside it, and 0.18 mm at its ends.
 """
 
 from collections.abc import Sequence

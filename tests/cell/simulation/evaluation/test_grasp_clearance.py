@@ -19,8 +19,8 @@ ROUNDING_M = 1e-9
 """Distances from boxes and from the table are exact."""
 STRING_M = 2e-5
 """Distances from the side of a string are up to this too large, because it counts as spheres every 0.25 mm."""
-END_M = 1.5e-4
-"""Distances from an end of a string are up to this too large, because it counts as surface points 0.2 mm apart."""
+END_M = 1.8e-4
+"""Distances from an end of a string are up to this too large, because it counts as surface points 0.25 mm apart."""
 
 
 def line(*, x: float = 0.0, z: float = R, first: float = -0.1, last: float = 0.1) -> NDArray[np.float64]:
