@@ -11,6 +11,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
+from cell.config.gripper_config import GripperSettings
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -141,6 +142,7 @@ class CellSettings(StrictSettings):
     workspace: WorkspaceSettings = WorkspaceSettings()
     mounting: MountingSettings = MountingSettings()
     scan: ScanSettings = ScanSettings()
+    gripper: GripperSettings = GripperSettings()
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

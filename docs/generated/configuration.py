@@ -13,9 +13,9 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from cell.config.gripper_config import GripperSettings
 from recognition.grasping.gripper import Gripper
 from service.config.loader import PREFIX, ServiceConfig
-from service.config.sections import GripperConfig
 
 UNITS = {
     "rad_s2": "rad/s²",
@@ -182,7 +182,7 @@ def _is_plain(name: str) -> bool:
 
 def _keys(model: type[BaseModel], path: tuple[str, ...], wanted: Any) -> list[Key]:
     # The gripper's fields are those of the recognition package and documented there.
-    docs = field_docstrings(Gripper if model is GripperConfig else model)
+    docs = (field_docstrings(Gripper) if model is GripperSettings else {}) | field_docstrings(model)
     return [
         Key(
             name,

@@ -12,12 +12,31 @@ MAX_DIMENSION_M = 0.5
 """Maximum dimension of a gripper, metres. A larger value was probably given in millimetres."""
 
 
+Corner = tuple[float, float, float]
+"""A point (x, y, z), metres."""
+
+
+@dataclass(frozen=True)
+class GripperBox:
+    """A box of the gripper's body, metres.
+
+    Its frame has its origin in the middle of the flange, x along the closing direction of the fingers and z out of the
+    flange.
+    """
+
+    low_m: Corner
+    """Corner with the smallest coordinates."""
+    high_m: Corner
+    """Corner with the largest coordinates."""
+
+
 @dataclass(frozen=True)
 class Gripper:
     """Dimensions of a parallel gripper, metres.
 
     In the gripper frame, x is the closing direction, and z points from the palm to the fingertips. The default values
-    describe a common two-finger gripper with a stroke of 85 mm and slim fingertips.
+    describe a common two-finger gripper with a stroke of 85 mm and slim fingertips. Its length is that of a Robotiq
+    2F-85.
 
     Raises:
         InvalidGripperError: A dimension is not valid.
@@ -44,10 +63,32 @@ class Gripper:
     min_table_clearance_m: float = 0.00075
     """Minimum distance of the fingertips from the table, or from an object that lies under the string. A smaller
     `table_clearance_m` replaces it."""
+    length_m: float = 0.174
+    """Distance from the flange to the fingertips, with adapters, at the opening of a grasp (z)."""
+    mounting_rotation_rad: float = 0.0
+    """Rotation of the gripper on the flange, from the flange's x axis to the closing direction, about z."""
+    body_m: tuple[GripperBox, ...] = ()
+    """Boxes between flange and fingers. Without a box, the palm reaches up to the flange."""
+
+    @property
+    def body(self) -> tuple[GripperBox, ...]:
+        """Boxes between flange and fingers, which are the given ones or the palm up to the flange."""
+        if self.body_m:
+            return self.body_m
+        half_x, half_y = self.stroke_m / 2 + self.finger_thickness_m, self.palm_width_m / 2
+        return (GripperBox((-half_x, -half_y, 0.0), (half_x, half_y, self.length_m - self.finger_depth_m)),)
+
+    @property
+    def fingers(self) -> GripperBox:
+        """The box that contains both fingers at the largest opening, in the same frame."""
+        half_x, half_y = self.stroke_m / 2 + self.finger_thickness_m, self.finger_width_m / 2
+        return GripperBox((-half_x, -half_y, self.length_m - self.finger_depth_m), (half_x, half_y, self.length_m))
 
     def __post_init__(self) -> None:
         may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m", "min_table_clearance_m")
         for name, value in asdict(self).items():
+            if name in ("mounting_rotation_rad", "body_m"):
+                continue
             if isinstance(value, bool) or not (isinstance(value, float | int) and math.isfinite(value)):
                 raise InvalidGripperError(f"{name} is {value!r}; a length in metres is needed")
             if value < 0 or (value == 0 and name not in may_be_zero):
@@ -56,6 +97,28 @@ class Gripper:
                 raise InvalidGripperError(
                     f"{name} is {value:g} m; the maximum is {MAX_DIMENSION_M:g} m (give metres, not mm)"
                 )
+        if self.length_m <= self.finger_depth_m:
+            raise InvalidGripperError(
+                f"length_m is {self.length_m:g} m; it must be more than finger_depth_m, {self.finger_depth_m:g} m"
+            )
+        turn = self.mounting_rotation_rad
+        if isinstance(turn, bool) or not (isinstance(turn, float | int) and abs(turn) <= 2 * math.pi):
+            raise InvalidGripperError(f"mounting_rotation_rad is {turn!r}; an angle from -2 pi to 2 pi is needed")
+        for number, box in enumerate(self.body_m, 1):
+            _check_box(number, box)
+
+
+def _check_box(number: int, box: GripperBox) -> None:
+    """Raise InvalidGripperError if the box is empty, or larger than a gripper."""
+    for axis, low, high in zip("xyz", box.low_m, box.high_m, strict=True):
+        if not (math.isfinite(low) and math.isfinite(high) and low < high):
+            raise InvalidGripperError(
+                f"body_m: box {number} reaches from {axis} = {low:g} to {high:g} m; the first must be less"
+            )
+        if max(abs(low), abs(high)) > MAX_DIMENSION_M:
+            raise InvalidGripperError(
+                f"body_m: box {number} is farther than {MAX_DIMENSION_M:g} m from the flange (give metres, not mm)"
+            )
 
 
 def swept_distance(

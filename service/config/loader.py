@@ -32,8 +32,9 @@ from cell.config.cell_config import (
     ScanSettings,
     WorkspaceSettings,
 )
+from cell.config.gripper_config import GripperSettings
 from service.config.error_messages import describe_errors, suggest_name
-from service.config.sections import GripperConfig, LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
+from service.config.sections import LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
 
 PREFIX = "POINTCHAIN_"
 FILE_VARIABLE = "POINTCHAIN_CONFIG"
@@ -64,9 +65,10 @@ class ServiceConfig(BaseSettings):
     security: SecurityConfig = SecurityConfig()
     retention: RetentionConfig = RetentionConfig()
     log: LogConfig = LogConfig()
-    gripper: GripperConfig = GripperConfig()
+    gripper: GripperSettings = GripperSettings()
     """The parallel gripper for which grasps are computed. Gripper frame: x closing direction, y along the string,
-    z approach."""
+    z approach. With `preset`, `length_m` or `body_m`, it is also a body on the flange, and all moves keep clear with
+    it. Without these keys, moves are planned as if the flange were bare."""
     arm: AnyArm = SimulatedArm()
     camera: AnyCamera = SimulatedCamera()
     hand_eye: HandEyeSettings = HandEyeSettings()

@@ -2,9 +2,7 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-
-from recognition.grasping.gripper import Gripper
+from pydantic import BaseModel, ConfigDict, Field
 
 
 class LimitsConfig(BaseModel):
@@ -57,27 +55,3 @@ class LogConfig(BaseModel):
     """`text`: lines for people. `json`: one JSON document per line. `auto`: text on a terminal, JSON elsewhere."""
     level: Literal["debug", "info", "warning", "error"] = "info"
     """Lowest level that is logged. `debug` includes requests to `/healthz`, `/readyz` and `/metrics`."""
-
-
-class GripperConfig(BaseModel):
-    """Gripper for the grasps. Its keys are the fields of `Gripper`, metres."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    finger_width_m: float = Gripper.finger_width_m
-    finger_thickness_m: float = Gripper.finger_thickness_m
-    finger_depth_m: float = Gripper.finger_depth_m
-    stroke_m: float = Gripper.stroke_m
-    palm_width_m: float = Gripper.palm_width_m
-    opening_margin_m: float = Gripper.opening_margin_m
-    clearance_m: float = Gripper.clearance_m
-    table_clearance_m: float = Gripper.table_clearance_m
-
-    def to_gripper(self) -> Gripper:
-        """Return the gripper as recognition takes it."""
-        return Gripper(**self.model_dump())
-
-    @model_validator(mode="after")
-    def _check_gripper(self) -> "GripperConfig":
-        self.to_gripper()  # raises a ValueError that names the key
-        return self

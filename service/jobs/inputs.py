@@ -1,6 +1,7 @@
 """The inputs of recognition, as the row of a scan keeps them."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
@@ -21,7 +22,7 @@ def recognition_inputs(
     return {
         "method": task.method,
         "string_radius_m": task.radius_m,
-        "gripper": vars(task.gripper),
+        "gripper": asdict(task.gripper),
         "all_grasps": task.all_grasps,
         "software": version("pointchain"),
         "recording_sha256": recording_sha256,

@@ -7,12 +7,12 @@ import numpy as np
 
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.arm_config import ArmModelName
+from cell.config.gripper_config import GripperSettings
 from cell.kinematics.collision import PARTS, collision_model
 from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
 from recognition.parameters import R_MAX, R_MIN
 from service.api.schemas.base import ApiModel
 from service.config.loader import ServiceConfig
-from service.config.sections import GripperConfig
 
 Matrix = list[list[float]]
 
@@ -71,7 +71,7 @@ class CellGeometry(ApiModel):
     scan: ScanDefaults
     hand_eye_max_age_days: float
     """An older hand-eye calibration is refused."""
-    gripper: GripperConfig
+    gripper: GripperSettings
     """The gripper for which grasps are computed."""
     arm: ArmGeometry
     camera: CameraIntrinsics

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recognition.errors import InvalidGripperError
-from recognition.grasping.gripper import Gripper, swept_distance
+from recognition.grasping.gripper import Gripper, GripperBox, swept_distance
 
 GRIPPER = Gripper(finger_width_m=0.01, finger_thickness_m=0.005, finger_depth_m=0.04, stroke_m=0.08, palm_width_m=0.06)
 """With the opening and reach below: fingers from x = 6 to 11, |y| <= 5, z <= 3; palm |x| <= 45, |y| <= 30, z <= -37."""
@@ -51,6 +51,10 @@ def test_the_space_between_the_fingers_counts_for_points_that_must_not_be_grippe
         ({"finger_depth_m": math.inf}, "finger_depth_m is inf"),
         ({"palm_width_m": "wide"}, "palm_width_m is 'wide'"),
         ({"clearance_m": True}, "clearance_m is True"),
+        ({"length_m": 0.04}, "length_m is 0.04 m; it must be more than finger_depth_m, 0.04 m"),
+        ({"mounting_rotation_rad": 90.0}, "mounting_rotation_rad is 90.0; an angle from -2 pi to 2 pi is needed"),
+        ({"body_m": (GripperBox((0, 0, 0), (0.1, 0.1, 0)),)}, "box 1 reaches from z = 0 to 0 m"),
+        ({"body_m": (GripperBox((0, 0, 0), (80, 0.1, 0.1)),)}, "give metres, not mm"),
     ],
 )
 def test_invalid_dimensions_are_refused(wrong: dict[str, Any], said: str) -> None:

@@ -1,5 +1,6 @@
 """Configuration: the order of its sources, and messages that name what is wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,8 @@ import pytest
 from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
-from recognition.grasping.gripper import Gripper
+from recognition.grasping.gripper import Gripper, GripperBox
+from recognition.grasping.gripper_presets import PRESETS, with_adapter
 from service.config.loader import ConfigError, load_config
 
 
@@ -48,6 +50,30 @@ def test_the_gripper_is_configured_in_metres(tmp_path: Path, monkeypatch: pytest
     assert load_config(path).gripper.to_gripper() == Gripper(stroke_m=0.04, finger_width_m=0.02)
 
 
+def test_single_dimensions_override_those_of_a_preset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path, '[gripper]\npreset = "robotiq-hand-e"\nfinger_width_m = 0.008\n')
+    hand_e = PRESETS["robotiq-hand-e"]
+    assert load_config(path).gripper.to_gripper() == replace(hand_e, finger_width_m=0.008)
+    monkeypatch.setenv("POINTCHAIN_GRIPPER__LENGTH_M", "0.2")
+    assert load_config(path).gripper.to_gripper() == replace(with_adapter(hand_e, 0.2), finger_width_m=0.008)
+    monkeypatch.setenv("POINTCHAIN_GRIPPER__BODY_M", "[[[0.1, 0.04, 0.1], [-0.1, -0.04, 0]]]")
+    assert load_config(path).gripper.to_gripper().body == (GripperBox((-0.1, -0.04, 0.0), (0.1, 0.04, 0.1)),)
+
+
+@pytest.mark.parametrize(
+    ("text", "described"),
+    [
+        ("", False),
+        ("[gripper]\nstroke_m = 0.05", False),
+        ("[gripper]\nlength_m = 0.174", True),
+        ('[gripper]\npreset = "onrobot-rg2"', True),
+        ("[gripper]\nbody_m = [[[-0.1, -0.1, 0], [0.1, 0.1, 0.1]]]", True),
+    ],
+)
+def test_a_gripper_is_a_body_of_the_cell_only_if_it_is_described(tmp_path: Path, text: str, described: bool) -> None:
+    assert load_config(write(tmp_path, text)).cell.gripper.is_described == described
+
+
 def test_a_variable_names_the_configuration_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("POINTCHAIN_CONFIG", str(write(tmp_path, "port = 7")))
     assert load_config().port == 7
@@ -74,6 +100,9 @@ def test_a_relative_data_folder_counts_from_the_working_directory(
         ("[gripper]\nfinger_width_m = 0.0", "finger_width_m is 0 m"),
         ("[gripper]\nclearance_m = nan", "clearance_m is nan"),
         ("[gripper]\nfinger_m = 0.01", "gripper.finger_m"),
+        ('[gripper]\npreset = "robotiq-2f85"', 'did you mean "robotiq-2f-85"?'),
+        ('[gripper]\npreset = "schunk-egp-50"\nlength_m = 185', "metres, not mm"),
+        ("[gripper]\nbody_m = [[[0, 0, 0], [0.1, 0.1, 0]]]", "box 1 reaches from z = 0 to 0 m"),
         ('[gripper]\nstroke_m = "wide"', "gripper.stroke_m"),
         ("port = ", "not TOML"),
     ],
