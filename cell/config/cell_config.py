@@ -45,9 +45,9 @@ class MountingSettings(StrictSettings):
     table_z_m: float = Field(default=0.0, ge=-3.0, le=3.0)
     """Height of the table in the base frame. It is negative where the arm stands on a pedestal."""
     clearance_m: float = Field(default=0.03, ge=0.0, le=0.5)
-    """Minimum distance of arm and camera from table and obstacles, and of the links of the arm from one another."""
+    """Minimum distance of arm, camera and gripper from table and obstacles, and of the links from one another."""
     obstacles_m: tuple[tuple[Vector3, Vector3], ...] = ()
-    """Boxes that arm and camera must not touch, each given by two opposite corners in the base frame."""
+    """Boxes that arm, camera and gripper must not touch, each given by two opposite corners in the base frame."""
 
     @field_validator("obstacles_m")
     @classmethod

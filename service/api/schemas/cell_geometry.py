@@ -8,7 +8,7 @@ import numpy as np
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.arm_config import ArmModelName
 from cell.config.gripper_config import GripperSettings
-from cell.kinematics.collision import PARTS, collision_model
+from cell.kinematics.collision import collision_model
 from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
 from recognition.parameters import R_MAX, R_MIN
 from service.api.schemas.base import ApiModel
@@ -28,7 +28,7 @@ class ArmCapsule(ApiModel):
 
 
 class ArmGeometry(ApiModel):
-    """The arm with its camera as the collision check uses it, slightly thicker than in reality."""
+    """The arm with camera and gripper as the collision check uses it, slightly thicker than in reality."""
 
     model: ArmModelName
     d_m: list[float]
@@ -83,12 +83,12 @@ def cell_geometry(config: ServiceConfig, hand_eye: HandEye | None) -> CellGeomet
     T_flange_camera = np.eye(4) if hand_eye is None else hand_eye.T_flange_camera
     model = collision_model(settings, T_flange_camera)
     arm, optics = ARMS[model.model], settings.camera.optics
-    shapes = zip(PARTS, model.part_frames.tolist(), model.part_ends.tolist(), model.part_radii.tolist(), strict=True)
+    axes, radii = zip(model.part_frames.tolist(), model.part_ends.tolist(), strict=True), model.part_radii.tolist()
     return CellGeometry.model_validate(
         {
             "workspace_m": settings.workspace_m,
             "table_z_m": settings.mounting.table_z_m,
-            "obstacles_m": model.boxes[:-1].tolist(),  # the last is the workspace
+            "obstacles_m": model.boxes[:-1].tolist(),  # without the workspace
             "scan": settings.scan.model_dump() | {"string_radius_range_m": (R_MIN, R_MAX)},
             "hand_eye_max_age_days": settings.hand_eye.max_age_days,
             "gripper": config.gripper,
@@ -99,7 +99,7 @@ def cell_geometry(config: ServiceConfig, hand_eye: HandEye | None) -> CellGeomet
                 "alpha_rad": ALPHA_RAD,
                 "capsules": [
                     {"name": part, "frames": frames, "ends_m": ends, "radius_m": radius}
-                    for part, frames, ends, radius in shapes
+                    for part, (frames, ends), radius in zip(model.parts, axes, radii, strict=True)
                     if hand_eye is not None or "camera" not in part
                 ],
             },

@@ -1,4 +1,7 @@
+"""Distances of arm, camera and gripper from each other, the table and obstacles."""
+
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,12 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from calibration.geometry.transforms import from_rotation_vector
+from calibration.geometry.transforms import from_rotation_vector, transform_points
 from cell.config.arm_config import ArmModelName, SimulatedArm
 from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings, MountingSettings
-from cell.kinematics.collision import CollisionModel, collision_model
+from cell.config.gripper_config import GripperSettings
+from cell.kinematics.collision import PARTS, CollisionModel, collision_model, grasp_collision_model
 from cell.kinematics.ur_kinematics import forward
+from recognition.grasping.gripper import Gripper, GripperBox
+from recognition.grasping.gripper_presets import PRESETS, GripperPreset
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
 MODELS: tuple[ArmModelName, ...] = ("ur3e", "ur5e", "ur10e")
@@ -120,6 +126,96 @@ def test_a_batch_of_configurations_gives_the_single_results() -> None:
     assert together.shape == (40, len(collisions.contacts))
     for k in range(len(q)):
         assert together[k] == pytest.approx(collisions.gaps(q[k : k + 1])[0], abs=1e-12)
+
+
+GRIPPER = GripperSettings(length_m=0.174)
+DOWN = np.deg2rad((180, -100, 110, -100, -90, 0))
+
+
+def lowest_point(q: NDArray[np.float64], gripper: Gripper, opening_m: float | None = None) -> tuple[float, float]:
+    """Return the heights of the lowest corner of the body and of the fingers, corner by corner."""
+    T = forward("ur5e", q) @ from_rotation_vector((0, 0, 0), (0, 0, gripper.mounting_rotation_rad))
+    fingers = gripper.fingers
+    if opening_m is not None:
+        wide = opening_m / 2 + gripper.finger_thickness_m
+        fingers = GripperBox((-wide, *fingers.low_m[1:]), (wide, *fingers.high_m[1:]))
+    body, tips = (
+        min(
+            transform_points(T, np.array([corner]))[0, 2]
+            for box in boxes
+            for corner in itertools.product(*zip(box.low_m, box.high_m, strict=True))
+        )
+        for boxes in (gripper.body, (fingers,))
+    )
+    return body, tips
+
+
+@pytest.mark.parametrize("name", [*PRESETS, None])
+@pytest.mark.parametrize("opening_m", [None, 0.012])
+def test_the_gripper_is_as_high_above_the_table_as_its_lowest_corner(
+    name: GripperPreset | None, opening_m: float | None
+) -> None:
+    gripper = replace(Gripper() if name is None else PRESETS[name], mounting_rotation_rad=0.6)
+    collisions = grasp_collision_model(
+        CellSettings(mounting=MountingSettings(table_z_m=-0.1)), T_FLANGE_CAMERA, gripper
+    )
+    for q in np.random.default_rng(2).uniform(-2.0, 2.0, (20, 6)):
+        opening = None if opening_m is None else np.array([opening_m])
+        found = collisions.gaps(q[None], opening)[0]
+        body, tips = lowest_point(q, gripper, opening_m)
+        near_table = [k for k, words in enumerate(collisions.contacts) if words.endswith("the table")]
+        of_body = [k for k in near_table if collisions.contacts[k] == "the gripper comes too near the table"]
+        assert found[of_body].min() == pytest.approx(body + 0.1, abs=1e-12)
+        assert found[near_table[-1]] == pytest.approx(tips + 0.1, abs=1e-12)
+
+
+def test_without_a_description_the_flange_is_bare() -> None:
+    bare = collision_model(CellSettings(gripper=GripperSettings(stroke_m=0.05)), T_FLANGE_CAMERA)
+    assert bare.parts == PARTS
+    assert bare.gripper is None
+    described = collision_model(CellSettings(gripper=GRIPPER), T_FLANGE_CAMERA)
+    assert described.parts == (*PARTS, "gripper", "gripper's finger")
+    # the contacts of arm and camera are the same
+    known = dict(zip(described.contacts, described.gaps(DOWN[None])[0], strict=True))
+    for words, gap in zip(bare.contacts, bare.gaps(DOWN[None])[0], strict=True):
+        assert known[words] == pytest.approx(gap, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words"),
+    [
+        ((180, -90, 90, -20, -130, -110), "the forearm comes too near the gripper"),
+        ((180, -80, 130, -20, -60, -100), "the upper arm comes too near the gripper"),
+        ((180, -110, 130, -70, -90, 0), "the shoulder comes too near the gripper"),
+        ((180, -60, 100, -60, -40, -60), "the gripper reaches into the workspace"),
+        ((180, -40, 70, -140, -60, 80), "the gripper's finger comes too near the table"),
+    ],
+)
+def test_a_contact_of_the_gripper_is_named(degrees: tuple[float, ...], words: str) -> None:
+    collisions = collision_model(CellSettings(gripper=GRIPPER), T_FLANGE_CAMERA)
+    assert near_pairs(collisions, degrees) == [words]
+
+
+@pytest.mark.parametrize("name", [*PRESETS, None])
+def test_the_capsules_contain_the_whole_gripper(name: GripperPreset | None) -> None:
+    gripper = replace(Gripper() if name is None else PRESETS[name], mounting_rotation_rad=0.6)
+    collisions = grasp_collision_model(CellSettings(), T_FLANGE_CAMERA, gripper)
+    R = from_rotation_vector((0, 0, 0), (0, 0, 0.6))[:3, :3]
+    shapes = zip((*gripper.body, gripper.fingers), collisions.part_ends[len(PARTS) :], strict=True)
+    for (box, (a, b)), radius in zip(shapes, collisions.part_radii[len(PARTS) :], strict=True):
+        for corner in itertools.product(*zip(box.low_m, box.high_m, strict=True)):
+            share = np.clip((R @ corner - a) @ (b - a) / max(float((b - a) @ (b - a)), 1e-12), 0, 1)
+            assert np.linalg.norm(R @ corner - a - share * (b - a)) <= radius + 1e-9
+
+
+def test_points_are_as_near_as_the_nearest_capsule() -> None:
+    collisions = cell()
+    eye = (forward("ur5e", READY) @ T_FLANGE_CAMERA)[:3, 3]
+    gaps = collisions.point_gaps(READY[None], np.array([eye, eye + 0.5]))
+    assert gaps.shape == (1, len(PARTS))
+    # the middle of the camera is inside its capsule by the radius
+    assert gaps[0, -1] == pytest.approx(-collisions.part_radii[-1], abs=1e-9)
+    assert gaps[0, 0] > 0.3
 
 
 def test_everything_outside_the_workspace_is_solid() -> None:
