@@ -23,7 +23,9 @@ class GripperSettings(StrictSettings):
     opening_margin_m: float = Gripper.opening_margin_m
     clearance_m: float = Gripper.clearance_m
     table_clearance_m: float = Gripper.table_clearance_m
-    length_m: float = Gripper.length_m
+    length_m: float | None = None
+    """Distance from the flange to the fingertips, with adapters, at the opening of a grasp (z). Without it, the poses of
+    the flange are for 0.174 m."""
     mounting_rotation_rad: float = Gripper.mounting_rotation_rad
     body_m: tuple[tuple[Vector3, Vector3], ...] = ()
     """Boxes between flange and fingers, each given by two opposite corners in a frame at the flange, with x along the
@@ -32,12 +34,13 @@ class GripperSettings(StrictSettings):
     @property
     def is_described(self) -> bool:
         """Whether the configuration describes the gripper as a body: by a preset, its length, or its boxes."""
-        return self.preset is not None or not {"length_m", "body_m"}.isdisjoint(self.model_fields_set)
+        return self.preset is not None or self.length_m is not None or bool(self.body_m)
 
     def to_gripper(self) -> Gripper:
         """Return the gripper as recognition takes it."""
-        values = {name: getattr(self, name) for name in Gripper.__dataclass_fields__ if name != "body_m"}
-        return Gripper(**values, body_m=tuple(_box(one, other) for one, other in self.body_m))
+        values = {name: getattr(self, name) for name in Gripper.__dataclass_fields__}
+        length = Gripper.length_m if self.length_m is None else self.length_m
+        return Gripper(**values | {"length_m": length, "body_m": tuple(_box(*corners) for corners in self.body_m)})
 
     @model_validator(mode="before")
     @classmethod

@@ -120,7 +120,11 @@ def jacobian(model: ArmModelName, q_rad: ArrayLike) -> NDArray[np.float64]:
 
     Rows 0 to 2 are the velocity, metres per radian. Rows 3 to 5 are the angular velocity.
     """
-    frames = link_frames(model, q_rad)
+    return frames_jacobian(link_frames(model, q_rad))
+
+
+def frames_jacobian(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the Jacobian (..., 6, 6), as `jacobian` does, for link frames (..., 7, 4, 4)."""
     axes, origins = frames[..., :6, :3, 2], frames[..., :6, :3, 3]
     arms = frames[..., 6:, :3, 3] - origins
     return np.concatenate([np.cross(axes, arms), axes], axis=-1).swapaxes(-1, -2)
@@ -147,13 +151,13 @@ def inverse_each(
     found = [_solutions(model, pose) for pose in T]
     which = np.repeat(np.arange(len(T)), [len(q) for q in found])
     q = np.concatenate([np.zeros((0, 6)), *found])
-    error = _pose_error(T[which], link_frames(model, q)[:, 6])
+    error = pose_error(T[which], link_frames(model, q)[:, 6])
     for _ in range(12):
         rough = np.flatnonzero(np.abs(error).max(axis=1) > 1e-11)
         if not len(rough):
             break
         q[rough] += (np.linalg.pinv(jacobian(model, q[rough]), rcond=1e-5) @ error[rough, :, None])[..., 0]
-        error[rough] = _pose_error(T[which[rough]], link_frames(model, q[rough])[:, 6])
+        error[rough] = pose_error(T[which[rough]], link_frames(model, q[rough])[:, 6])
     good = np.abs(error).max(axis=1) < POSE_TOLERANCE
     q, which = _wrapped(q[good]), which[good]
     new = _new(q, which)
@@ -188,8 +192,8 @@ def _solver(model: ArmModelName) -> tuple[Robot, NDArray[np.float64]]:
     return robot, straight[6, :3, :3]
 
 
-def _pose_error(T: NDArray[np.float64], reached: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the errors (N, 6) of reached poses (N, 4, 4), translation and small rotation vector."""
+def pose_error(T: NDArray[np.float64], reached: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the errors (N, 6) of reached poses (N, 4, 4), as translation and small rotation vector, base frame."""
     turn = T[:, :3, :3] @ reached[:, :3, :3].swapaxes(1, 2)
     skew = 0.5 * (turn - turn.swapaxes(1, 2))
     turns = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
