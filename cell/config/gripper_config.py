@@ -24,8 +24,8 @@ class GripperSettings(StrictSettings):
     clearance_m: float = Gripper.clearance_m
     table_clearance_m: float = Gripper.table_clearance_m
     length_m: float | None = None
-    """Distance from the flange to the fingertips, with adapters, at the opening of a grasp (z). Without it, the poses of
-    the flange are for 0.174 m."""
+    """Distance from the flange to the fingertips, with adapters, at the opening of a grasp (z). Without it, flange
+    poses are for 0.174 m."""
     mounting_rotation_rad: float = Gripper.mounting_rotation_rad
     body_m: tuple[tuple[Vector3, Vector3], ...] = ()
     """Boxes between flange and fingers, each given by two opposite corners in a frame at the flange, with x along the

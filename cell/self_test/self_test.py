@@ -7,7 +7,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.equipment import Equipment
 from cell.devices import InvalidViewError
 from cell.errors import CellError
-from cell.self_test import arm_checks, camera_checks, setup_checks
+from cell.self_test import arm_checks, camera_checks, grasp_check, setup_checks
 from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 
 REDUCED_M_S = 0.25
@@ -42,6 +42,7 @@ def check_cell(settings: CellSettings) -> Iterator[CheckResult]:
         ("depth image", ("camera",), camera_checks.frame),
         ("table", ("frame", "state", "hand_eye"), setup_checks.table),
         ("viewpoints", ("hand_eye",), setup_checks.viewpoints),
+        (grasp_check.NAME, ("hand_eye",), grasp_check.grasps),
     ]
     try:
         for name, needs, test in steps:

@@ -38,8 +38,8 @@ def add_cell_commands(commands: Commands) -> None:
     check = commands.add_parser(
         "check",
         help="test the configured cell step by step; nothing moves",
-        description="Test configuration, robot, camera, calibration, table, viewpoints and disk, and report what is "
-        "wrong and what to do. Nothing moves. Exit code 1 if a step failed.",
+        description="Test configuration, robot, camera, calibration, table, viewpoints, grasps and disk, and report "
+        "what is wrong and what to do. Nothing moves. Exit code 1 if a step failed.",
     )
     add_config_option(check)
     add_json_option(check)

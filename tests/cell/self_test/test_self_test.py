@@ -40,7 +40,8 @@ def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
                 log = admin.log()
     outcomes = {step.name: step.outcome for step in steps}
     expected = (
-        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, table, viewpoints"
+        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, table, viewpoints, "
+        "grasps"
     )
     assert ", ".join(outcomes) == expected
     assert "failed" not in outcomes.values(), steps
@@ -89,6 +90,7 @@ def test_a_missing_robot_and_camera_are_reported_in_time(hand_eye_file: Path) ->
     assert steps["calibration"].outcome == "ok"
     assert "measured 3.0 days ago" in steps["calibration"].message
     assert steps["viewpoints"].message.startswith("8 of 8 reached from home")
+    assert steps["grasps"].outcome == "ok"
 
 
 def test_the_error_and_the_action_are_separate() -> None:
