@@ -23,6 +23,7 @@ class GripperSettings(StrictSettings):
     opening_margin_m: float = Gripper.opening_margin_m
     clearance_m: float = Gripper.clearance_m
     table_clearance_m: float = Gripper.table_clearance_m
+    min_table_clearance_m: float = Gripper.min_table_clearance_m
     length_m: float | None = None
     """Distance from the flange to the fingertips, with adapters, at the opening of a grasp (z). Without it, flange
     poses are for 0.174 m."""

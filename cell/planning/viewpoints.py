@@ -250,7 +250,8 @@ def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> 
     if overlap.max() > OVERLAP_M:
         raise ViewpointsError(
             f"where the arm stands, {collisions.contacts[overlap.argmax()]}: they overlap by {overlap.max():.3f} m. "
-            "Move it free by hand (freedrive), or correct table_z_m and obstacles_m in [mounting], body_m in [camera]"
+            "Move it free by hand (freedrive), or correct table_z_m and obstacles_m in [mounting], body_m in [camera], "
+            "or the gripper in [gripper]"
         )
     return np.minimum(collisions.clearances, gaps - APPROACH_M)
 

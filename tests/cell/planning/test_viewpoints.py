@@ -6,13 +6,15 @@ from functools import cache
 import matplotlib.image
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, transform_points
 from cell.config.arm_config import ArmModelName, SimulatedArm
 from cell.config.camera_config import CameraName, SimulatedCamera
 from cell.config.cell_config import CellSettings, MountingSettings, ScanSettings, WorkspaceSettings
+from cell.config.gripper_config import GripperSettings
 from cell.errors import ViewpointsError
-from cell.kinematics.collision import collision_model
+from cell.kinematics.collision import CollisionModel, collision_model
 from cell.kinematics.ik_branches import MIN_SINGULAR_VALUE, USED_LIMIT_RAD
 from cell.kinematics.ur_kinematics import forward, jacobian
 from cell.planning.look_at import FILL
@@ -146,6 +148,29 @@ def test_the_path_is_free_and_within_the_joint_limits(settings: CellSettings, st
         assert np.linalg.svd(jacobian(settings.arm.model, q), compute_uv=False)[-1] >= MIN_SINGULAR_VALUE
     assert plan.legs[-1].view is None
     assert plan.travel_rad == pytest.approx(sum(leg.travel_rad for leg in plan.legs))
+
+
+def test_viewpoints_keep_clear_with_a_long_gripper() -> None:
+    """The RG2 reaches 0.23 m down, and one viewpoint of the default cell is too low for it."""
+    settings = CellSettings(gripper=GripperSettings.model_validate({"preset": "onrobot-rg2"}))
+    plan, bare = plan_of(settings), plan_of(DEFAULT)
+    assert plan.reachable == 8
+    collisions = collision_model(settings, T_FLANGE_CAMERA)
+    q = np.array([v.q_rad for v in bare.viewpoints])
+    blocked = {words for short in collisions.clearances - collisions.gaps(q) for words in messages(collisions, short)}
+    assert blocked
+    assert all("gripper" in words for words in blocked)
+    for leg in plan.legs:
+        assert (collisions.gaps(leg.waypoints_rad) >= collisions.clearances).all()
+    # a short gripper changes nothing
+    hand_e = plan_of(CellSettings(gripper=GripperSettings.model_validate({"preset": "robotiq-hand-e"})))
+    for leg, known in zip(hand_e.legs, bare.legs, strict=True):
+        np.testing.assert_array_equal(leg.waypoints_rad, known.waypoints_rad)
+
+
+def messages(collisions: CollisionModel, short: NDArray[np.float64]) -> list[str]:
+    """Return the contacts that lack clearance."""
+    return [words for words, lack in zip(collisions.contacts, short, strict=True) if lack > 0]
 
 
 def test_the_order_saves_travel() -> None:
