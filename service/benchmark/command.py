@@ -1,4 +1,4 @@
-"""`pointchain bench`: measure accuracy, speed, the simulated cell and the service; print tables or JSON."""
+"""`pointchain bench`: measure accuracy, speed, the simulated cell, the service and grasps; print tables or JSON."""
 
 import json
 import os
@@ -10,7 +10,7 @@ from itertools import islice
 from platform import python_version
 from typing import Any
 
-from cell.simulation.benchmark import accuracy, tables
+from cell.simulation.benchmark import accuracy, grasps, tables
 from cell.simulation.benchmark.scaling import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
 from cell.simulation.cases import TIERS
@@ -20,6 +20,7 @@ from service.benchmark.estimate import (
     accuracy_s,
     cell_s,
     duration,
+    grasps_s,
     measure_probe,
     remaining_s,
     scene_cost,
@@ -30,6 +31,9 @@ from service.benchmark.service import measure_service, service_json, service_tab
 from service.benchmark.service_process import MeasurementError
 
 PARTS = ("speed", "cell", "service", "accuracy")
+"""Parts that run unless one is chosen."""
+GRASPS = "grasps"
+"""Part that runs only if it is chosen, because the physics of all tiers takes an hour or more."""
 REPORT_S = 15.0
 """Time between two messages on the progress of the accuracy part, if stderr is not a terminal."""
 
@@ -71,10 +75,10 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
     end.
 
     Args:
-        only: One of `PARTS`. None: all parts.
+        only: One of `PARTS`, or `GRASPS`. None: all of `PARTS`.
         tiers: Names of `cell.simulation.cases.TIERS`. Empty: all tiers.
         seeds: Number of scenes of each tier. Every method recognises each scene.
-        jobs: Number of processes of the accuracy part. None: one per core.
+        jobs: Number of processes of the parts on accuracy and on grasps. None: one per core.
         as_json: Print one JSON document instead of Markdown tables.
 
     Returns:
@@ -111,6 +115,8 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
                     service_times = measure_service(progress.report)
                     emit(service_table(service_times))
                     document["service"] = service_json(service_times)
+                case "grasps":
+                    document |= _grasps(tiers, seeds, jobs, progress, emit)
                 case _:
                     document |= _accuracy(tiers, seeds, jobs, progress, emit)
         except MeasurementError as error:
@@ -124,18 +130,21 @@ def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: i
     """Time a probe on this machine, and return and announce the expected seconds of each part."""
     _log("timing a short probe to estimate the duration")
     estimates_s: dict[str, float] = {}
-    if set(parts) - {"accuracy"}:
+    if set(parts) - {"accuracy", GRASPS}:
         probe = measure_probe(1)
         all_s = {"speed": speed_s(probe), "cell": cell_s(probe), "service": service_s(probe)}
         estimates_s |= {part: all_s[part] for part in parts if part in all_s}
     if "accuracy" in parts:
         estimates_s["accuracy"] = accuracy_s(tiers, seeds, jobs, measure_probe(jobs))
+    if GRASPS in parts:
+        estimates_s[GRASPS] = grasps_s(tiers, seeds, jobs, measure_probe(jobs))
+    processes = f"{jobs} process{'es' if jobs > 1 else ''}"
     described = {
         "speed": "speed, memory and growth",
         "cell": "the simulated cell",
         "service": "the service under load",
-        "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} "
-        f"in {jobs} process{'es' if jobs > 1 else ''}",
+        "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} in {processes}",
+        GRASPS: f"simulated grasps in {len(tiers) * seeds} scenes in {processes}",
     }
     _log(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
     return estimates_s
@@ -202,6 +211,34 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
         },
         "grasps": {name: asdict(counts) for name, counts in grasps.items()},
         "cases": [accuracy.case_json(result) for result in results],
+    }
+
+
+def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+    """Simulate the grasps of all cases, with a message from time to time."""
+    total, done, reported_s = len(tiers) * seeds, 0, time.monotonic()
+    emit(tables.table_head(tables.GRASP_COLUMNS))
+
+    def on_done(tier: str) -> None:
+        nonlocal done, reported_s
+        done += 1
+        if time.monotonic() - reported_s > REPORT_S and done < total:
+            _log(f"grasps: {done} of {total} scenes, at tier {tier} ({progress.left(done / total)})")
+            reported_s = time.monotonic()
+
+    cases = grasps.run_grasp_cases(tiers, seeds, jobs, on_done)
+    results: list[grasps.GraspCase] = []
+    summaries = {}
+    for tier in tiers:
+        of_tier = list(islice(cases, seeds))
+        results += of_tier
+        summaries[tier] = grasps.summarise_grasps(of_tier)
+        for row in tables.grasp_rows({tier: summaries[tier]}):
+            emit(row)
+        _log(f"grasps: tier {tier} is done ({progress.left(done / total)})")
+    return {
+        "grasps": {tier: {name: asdict(summary) for name, summary in of.items()} for tier, of in summaries.items()},
+        "grasp_cases": [grasps.grasp_case_json(case) for case in results],
     }
 
 

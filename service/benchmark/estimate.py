@@ -6,7 +6,7 @@ Nothing heavy is imported here: the probe runs in worker processes that set thei
 
 import heapq
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cell.simulation.benchmark.worker_pool import map_in_processes
@@ -27,6 +27,17 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "fixtures": (1.1, 1.4, 1.4, 1.2, 1.2),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
+GRASP_COSTS: Mapping[str, float] = {
+    "paper": 17.0,
+    "long": 20.0,
+    "many": 20.0,
+    "physical": 20.0,
+    "soft": 24.0,
+    "photo": 15.0,
+    "hard": 20.0,
+    "measured": 18.0,
+}
+"""Time of the simulated grasps of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0
 """The speed part starts this many processes, and computes for this many probes."""
 CELL_PACED_S, CELL_PROBES = 135.0, 10.0
@@ -75,18 +86,28 @@ def scene_cost(tier: str, seed: int) -> float:
 def accuracy_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
     """Return the expected seconds of the accuracy part.
 
-    Each process takes the next scene as soon as it is free, so processes may be idle during the last scenes.
-
     Args:
         tiers: Names of tiers.
         seeds: Number of scenes of each tier.
         jobs: Number of processes.
         probe: Times of `min(jobs, scenes)` processes at once.
     """
+    return _elapsed_s([scene_cost(tier, seed) for tier in tiers for seed in range(seeds)], jobs, probe)
+
+
+def grasps_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
+    """Return the expected seconds of the part on grasps. The arguments are as for `accuracy_s`."""
+    return _elapsed_s([GRASP_COSTS[tier] for tier in tiers for _ in range(seeds)], jobs, probe)
+
+
+def _elapsed_s(costs: Iterable[float], jobs: int, probe: Probe) -> float:
+    """Return the seconds until `jobs` processes have done all scenes, which cost `costs` in units of the probe.
+
+    Each process takes the next scene as soon as it is free, so processes may be idle during the last scenes.
+    """
     free_at_s = [probe.start_s] * jobs
-    for tier in tiers:
-        for seed in range(seeds):
-            heapq.heapreplace(free_at_s, free_at_s[0] + scene_cost(tier, seed) * probe.case_s)
+    for cost in costs:
+        heapq.heapreplace(free_at_s, free_at_s[0] + cost * probe.case_s)
     return max(free_at_s)
 
 

@@ -6,6 +6,7 @@ from typing import Any, get_args
 from cell.simulation.benchmark.accuracy import Summary
 from cell.simulation.benchmark.finding_counts import FindingCounts
 from cell.simulation.benchmark.grasp_counts import GraspCounts
+from cell.simulation.benchmark.grasps import GraspSummary
 from cell.simulation.benchmark.intervals import Interval
 from cell.simulation.benchmark.scaling import Growth, Row
 from cell.simulation.benchmark.speed import Speed
@@ -26,6 +27,23 @@ ACCURACY_COLUMNS = (
     "refused",
 )
 """Column headings of the accuracy table."""
+GRASP_COLUMNS = (
+    "tier",
+    "grasps",
+    "scenes",
+    "without grasp",
+    "simulated",
+    "right string lifted",
+    "95 % interval",
+    "wrong string",
+    "touching",
+    "clean by geometry",
+    "with robot errors",
+    "right string lifted",
+    "wrong string",
+    "touching",
+)
+"""Column headings of the table of grasps. The last three are with errors of the robot."""
 
 
 def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
@@ -45,6 +63,27 @@ def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
         )
         for tier, methods in accuracy.items()
         for method, s in methods.items()
+    ]
+    return [_row(row) for row in rows]
+
+
+def grasp_rows(grasps: Mapping[str, Mapping[str, GraspSummary]]) -> list[str]:
+    """Return the rows of the table of grasps without its head, one for each tier and selection."""
+    rows = [
+        (
+            tier,
+            selection,
+            str(s.scenes),
+            str(s.without_grasp),
+            str(s.simulated),
+            _percent(s.good),
+            _interval(s.good_interval_95),
+            *(_percent(share) for share in (s.wrong_string, s.touching, s.clean)),
+            str(s.with_errors),
+            *(_percent(s.good_with_errors), _percent(s.wrong_string_with_errors), _percent(s.touching_with_errors)),
+        )
+        for tier, selections in grasps.items()
+        for selection, s in selections.items()
     ]
     return [_row(row) for row in rows]
 

@@ -12,6 +12,8 @@ from recognition.geometry.polyline import arc_length, points_at
 
 MIN_PIECE_M = 0.012
 """Minimum length of a piece. Shorter ones, at the edge of the region, are omitted."""
+RAISED_M = 0.0003
+"""Height above the table from which a string is raised."""
 SAME_STRAND_RADII = 4.0
 """Arc length, in radii, within which two parts of a string belong to one strand, so that they do not collide."""
 
@@ -30,6 +32,8 @@ class Piece:
     """(N,) arc length of the middle of each segment along the string."""
     ring: bool
     """Whether the piece is a whole closed string, so that its last point is its first."""
+    carried: NDArray[np.bool_]
+    """(N,) whether the segment belongs to an arch that is cut, so that the rest of the string carries its weight."""
 
     @property
     def lengths_m(self) -> NDArray[np.float64]:
@@ -61,18 +65,38 @@ def cut_pieces(scene: StringScene, centre_m: NDArray[np.float64], settings: Phys
             points = np.vstack([curve[first:-1], curve[: first + 1]])
             s = arc_length(points)
             away = np.linalg.norm(points[:, :2] - centre_m[:2], axis=1)
-        inside = (away <= settings.region_m).astype(int)
-        edges = np.flatnonzero(np.diff(inside, prepend=0, append=0))
-        for begin, end in zip(edges[::2], edges[1::2] - 1, strict=True):
+        for begin, end in _runs(away <= settings.region_m):
             if s[end] - s[begin] < MIN_PIECE_M:
                 continue
             count = max(round(float(s[end] - s[begin]) / settings.segment_m), 2)
             ends = np.linspace(s[begin], s[end], count + 1)
             middles = (ends[1:] + ends[:-1]) / 2 + start_m
+            cut = (not ring and (closed or begin > 0), not ring and (closed or end < len(s) - 1))
+            joints = points_at(points, ends)
             pieces.append(
-                Piece(string, radius_m, points_at(points, ends), middles % length_m if closed else middles, ring)
+                Piece(
+                    string,
+                    radius_m,
+                    joints,
+                    middles % length_m if closed else middles,
+                    ring,
+                    _carried(joints, radius_m, cut),
+                )
             )
     return pieces
+
+
+def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and the last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
+    return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2] - 1, strict=True)]
+
+
+def _carried(points: NDArray[np.float64], radius_m: float, cut: tuple[bool, bool]) -> NDArray[np.bool_]:
+    """Return which segments (N,) belong to an arch that is cut at the beginning or at the end of a piece."""
+    raised = (points[1:, 2] + points[:-1, 2]) / 2 > radius_m + RAISED_M
+    from_begin, from_end = np.logical_and.accumulate(raised), np.logical_and.accumulate(raised[::-1])[::-1]
+    return (from_begin & cut[0]) | (from_end & cut[1])
 
 
 def core_share(pieces: Sequence[Piece], closed: Sequence[bool], lengths_m: Sequence[float]) -> float:

@@ -13,8 +13,8 @@ class PhysicsSettings:
 
     time_step_s: float = 0.002
     """Time step."""
-    region_m: float = 0.09
-    """Distance from the grasp, in the table plane, up to which strings are simulated. Strings are cut there."""
+    region_m: float = 0.075
+    """Distance from the grasp, in the table plane, up to which strings are simulated. The palm reaches 0.06 m."""
     segment_m: float = 0.006
     """Approximate length of the rigid segments of a string."""
     density_kg_m3: float = 1100.0

@@ -27,9 +27,25 @@ PALM_HEIGHT_M = 0.06
 CARRIAGE_KG = 1e4
 """Inertia of the robot behind the gripper. Contact does not move it."""
 FINGER_KG = 0.1
-STATIC, STRING, CORE, GRIPPER = 1, 2, 4, 8
-"""Kinds of geoms, as bits of their contact masks."""
-COLLIDES = {STATIC: STRING | GRIPPER, STRING: STATIC | GRIPPER, CORE: CORE, GRIPPER: STATIC | STRING}
+"""Mass of a finger."""
+PALM_REACH_M = 0.062
+"""Distance from the grasp, in the table plane, that the palm of the default gripper does not exceed. Pieces of strings
+that are farther away do not move."""
+CONTACT_S = 0.004
+"""Time constant of contacts. They give by some tenths of a millimetre under full grip, like the jacket of a cable."""
+CUT_SOFTNESS_S = 0.05
+"""Time constant of the spring that holds the end of an arch where it is cut. During a lift, it pulls with less than
+1 N."""
+TABLE, OBJECT, STRING, BELLY, CORE, GRIPPER = (1 << bit for bit in range(6))
+"""Kinds of geoms, as bits of their contact masks. A belly is a sphere in the middle of a segment."""
+COLLIDES = {
+    TABLE: BELLY | GRIPPER,
+    OBJECT: STRING | GRIPPER,
+    STRING: OBJECT | GRIPPER,
+    BELLY: TABLE,
+    CORE: CORE,
+    GRIPPER: TABLE | OBJECT | STRING,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,13 +135,13 @@ def build_world(
     )
 
 
-def _contact(kind: int, friction: float, settings: PhysicsSettings) -> dict[str, Any]:
-    """Return the attributes of a geom for contact. Contacts give by some tenths of a millimetre under full grip."""
+def _contact(kind: int, friction: float) -> dict[str, Any]:
+    """Return the attributes of a geom for contact."""
     return {
         "contype": kind,
         "conaffinity": COLLIDES[kind],
         "friction": [friction, 0.005, 0.0001],
-        "solref": [2 * settings.time_step_s, 1.0],
+        "solref": [CONTACT_S, 1.0],
         "solimp": [0.95, 0.999, 0.0005, 0.5, 2.0],
     }
 
@@ -133,8 +149,9 @@ def _contact(kind: int, friction: float, settings: PhysicsSettings) -> dict[str,
 def _add_static(spec: Any, scene: StringScene, settings: PhysicsSettings) -> None:
     """Add the table, the boxes, and the convex hulls of the clumps."""
     mujoco = load_mujoco()
-    contact = _contact(STATIC, settings.string_friction, settings)
+    contact = _contact(TABLE, settings.string_friction)
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **contact)
+    contact = _contact(OBJECT, settings.string_friction)
     for box in scene.boxes:
         width, depth, height = box.size_m
         spec.worldbody.add_geom(
@@ -165,6 +182,8 @@ def _add_piece(
     mujoco = load_mujoco()
     points, lengths, r, count = piece.points, piece.lengths_m, piece.radius_m, len(piece.s_m)
     R = _frames_along(unit_vectors(np.diff(points, axis=0)))
+    weightless = piece.carried.astype(float)
+    moves = bool((np.linalg.norm(points[:, :2] - centre_m[:2], axis=1) < PALM_REACH_M).any())
     root = int(np.linalg.norm((points[1:] + points[:-1]) / 2 - centre_m, axis=1).argmin())
     stiffness = settings.young_pa * np.pi * r**4 / 4 / float(lengths.mean())
     joint = {"stiffness": [stiffness, 0, 0], "damping": [settings.damping_s * stiffness, 0, 0]}
@@ -180,17 +199,32 @@ def _add_piece(
                 size=[radius, 0, 0],
                 fromto=[from_m, 0, 0, to_m, 0, 0],
                 mass=mass,
-                **_contact(mask, settings.string_friction, settings),
+                **_contact(mask, settings.string_friction),
             )
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[r, 0, 0],
+            pos=[(from_m + to_m) / 2, 0, 0],
+            mass=0.0,
+            **_contact(BELLY, settings.string_friction),
+        )
         return body
 
     def child(parent: Any, of: int, k: int, x_m: float) -> Any:
-        body = parent.add_body(name=f"{name} {k}", pos=[x_m, 0, 0], quat=_quaternion(R[of].T @ R[k]))
-        body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, **joint)
+        body = parent.add_body(
+            name=f"{name} {k}",
+            pos=[x_m, 0, 0],
+            quat=_quaternion(R[of].T @ R[k]),
+            gravcomp=weightless[k],
+        )
+        if moves:
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_BALL, **joint)
         return body
 
     first = spec.worldbody.add_body(name=f"{name} {root}", pos=points[root], quat=_quaternion(R[root]))
-    first.add_freejoint()
+    first.gravcomp = weightless[root]
+    if moves:
+        first.add_freejoint()
     parent = fill(first, root, 0.0, lengths[root])
     for k in range(root + 1, count):
         parent = fill(child(parent, k - 1, k, lengths[k - 1]), k, 0.0, lengths[k])
@@ -198,23 +232,32 @@ def _add_piece(
     for k in range(root - 1, -1, -1):
         # The frame of a segment before the root is at its end.
         parent = fill(child(parent, k + 1, k, 0.0 if k + 1 == root else -lengths[k + 1]), k, -lengths[k], 0.0)
+    if moves:
+        for end, x_m in ((0, 0.0 if root == 0 else -lengths[0]), (count - 1, lengths[-1])):
+            if piece.carried[end]:
+                _connect(spec, f"{name} {end}", "world", x_m, CUT_SOFTNESS_S)
     # Segments of one strand do not collide.
     skip = int(np.ceil(SAME_STRAND_RADII * r / lengths.min())) + 1
     for k in range(count):
         for other in range(k + 2, k + skip + 1):
             if other < count or piece.ring:
                 spec.add_exclude(bodyname1=f"{name} {k}", bodyname2=f"{name} {other % count}")
-    if piece.ring:
+    if piece.ring and moves:
         spec.add_exclude(bodyname1=f"{name} 0", bodyname2=f"{name} {count - 1}")
-        joined = spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_CONNECT,
-            objtype=mujoco.mjtObj.mjOBJ_BODY,
-            name1=f"{name} 0",
-            name2=f"{name} {count - 1}",
-            solref=[2 * settings.time_step_s, 1.0],
-        )
-        # The frame of the first segment is at its end, unless it is the root.
-        joined.data = [0.0 if root == 0 else -lengths[0], 0.0, 0.0] + [0.0] * (len(joined.data) - 3)
+        _connect(spec, f"{name} 0", f"{name} {count - 1}", 0.0 if root == 0 else -lengths[0], CONTACT_S)
+
+
+def _connect(spec: Any, body: str, other: str, x_m: float, softness_s: float) -> None:
+    """Connect the point at `x_m` along a segment to another body."""
+    mujoco = load_mujoco()
+    connected = spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_CONNECT,
+        objtype=mujoco.mjtObj.mjOBJ_BODY,
+        name1=body,
+        name2=other,
+        solref=[softness_s, 1.0],
+    )
+    connected.data = [x_m, 0.0, 0.0] + [0.0] * (len(connected.data) - 3)
 
 
 def _add_gripper(
@@ -227,7 +270,7 @@ def _add_gripper(
 ) -> None:
     """Add the palm and two fingers that move together, with a limited force."""
     mujoco = load_mujoco()
-    contact = _contact(GRIPPER, settings.finger_friction, settings) | {"condim": 4, "mass": 0.0}
+    contact = _contact(GRIPPER, settings.finger_friction) | {"condim": 4, "mass": 0.0}
     inertia: dict[str, Any] = {"gravcomp": 1.0, "explicitinertial": True}
     carriage = spec.worldbody.add_body(name="carriage", mass=1.0, inertia=[1.0, 1.0, 1.0], **inertia)
     for name, axis in zip("xyz", np.eye(3), strict=True):
@@ -260,7 +303,7 @@ def _add_gripper(
         objtype=mujoco.mjtObj.mjOBJ_JOINT,
         name1="finger 0",
         name2="finger 1",
-        solref=[2 * settings.time_step_s, 1.0],
+        solref=[CONTACT_S, 1.0],
         solimp=[0.99, 0.9999, 0.0005, 0.5, 2.0],
     )
     together.data = [0.0, 1.0] + [0.0] * (len(together.data) - 2)

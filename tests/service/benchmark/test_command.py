@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from cell.simulation.benchmark.grasps import GraspCase, GraspResult
 from cell.simulation.benchmark.scaling import Growth, make_rows
 from cell.simulation.benchmark.speed import Speed, Timing
 from cell.simulation.offline_scan import SimulatedScan, simulate
@@ -144,6 +145,47 @@ def test_a_part_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys:
     out, err = capsys.readouterr()
     assert out.startswith("| input |")
     assert re.search(r"^pointchain bench: growth \(about \d+ (s|min) left\)$", err, re.MULTILINE)
+
+
+@pytest.fixture
+def grasped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the simulation of grasps, which takes half a minute a scene, by fixed results."""
+
+    def run(tier_and_seed: tuple[str, int]) -> GraspCase:
+        tier, seed = tier_and_seed
+        if tier == "measured":
+            return GraspCase(tier, seed, "contradicting-views: the views contradict each other")
+        best = GraspResult(0, True, True, False, False, ("down",) if seed else (), False, bool(seed))
+        second = GraspResult(1, False, seed == 0, seed == 1, True, None, None, None)
+        return GraspCase(tier, seed, None, (best, second))
+
+    monkeypatch.setattr("cell.simulation.benchmark.grasps.map_in_processes", lambda _, items, jobs: map(run, items))
+
+
+@pytest.mark.usefixtures("grasped")
+def test_grasps_are_printed_by_tier_and_selection(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "grasps", "--tiers", "paper,measured", "--seeds", "2"]) == 0
+    out, err = capsys.readouterr()
+    head, _, *lines = out.splitlines()
+    rows = [dict(zip(head.split(" | ")[:11], line.split(" | "), strict=False)) for line in lines]
+    assert [row["grasps"] for row in rows] == 2 * ["best", "top 5", "all"]
+    best, every, refused = rows[0], rows[2], rows[3]
+    assert (best["simulated"], best["right string lifted"], best["with robot errors"]) == ("2", "100.0%", "2")
+    assert lines[0].endswith("| 2 | 50.0% | 0.0% | 50.0% |")
+    assert (every["simulated"], every["right string lifted"], every["wrong string"]) == ("4", "75.0%", "25.0%")
+    assert (every["touching"], every["clean by geometry"]) == ("50.0%", "50.0%")
+    assert (refused["scenes"], refused["without grasp"], refused["right string lifted"]) == ("0", "2", "-")
+    assert "simulated grasps in 4 scenes" in err
+    assert "grasps: tier measured is done (about 0 s left)" in err
+
+
+@pytest.mark.usefixtures("grasped")
+def test_grasps_are_one_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "grasps", "--tiers", "paper", "--seeds", "1", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {"machine", "grasps", "grasp_cases"}
+    assert document["grasps"]["paper"]["best"]["good"] == 1.0
+    assert document["grasp_cases"][0]["grasps"][1]["touching"] is True
 
 
 def test_the_service_part_is_printed(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,11 +4,13 @@ import pytest
 
 from cell.simulation.cases import TIERS
 from service.benchmark.estimate import (
+    GRASP_COSTS,
     TIER_COSTS,
     Probe,
     accuracy_s,
     cell_s,
     duration,
+    grasps_s,
     measure_probe,
     remaining_s,
     scene_cost,
@@ -20,7 +22,7 @@ UNIT = Probe(start_s=0.0, case_s=1.0)
 
 
 def test_every_tier_has_a_cost() -> None:
-    assert set(TIER_COSTS) == set(TIERS)
+    assert set(TIER_COSTS) == set(GRASP_COSTS) == set(TIERS)
     assert all(cost > 0 for costs in TIER_COSTS.values() for cost in costs)
 
 
@@ -37,6 +39,10 @@ def test_accuracy_scales_with_the_machine_the_scenes_and_the_processes() -> None
     assert accuracy_s(["paper"], 6, 2, Probe(5.0, 3.0)) == pytest.approx(5.0 + 9 * paper)
     mixed = accuracy_s(["paper", "photo"], 4, 1, UNIT)
     assert mixed == pytest.approx(4 * paper + 4 * scene_cost("photo", 0))
+
+
+def test_grasps_take_several_times_as_long_as_accuracy() -> None:
+    assert grasps_s(["paper", "photo"], 4, 2, UNIT) > 3 * accuracy_s(["paper", "photo"], 4, 2, UNIT)
 
 
 def test_the_paced_parts_depend_little_on_the_machine() -> None:
