@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.grasp_physics.settings import PhysicsSettings
+from cell.simulation.scenes.clutter import Box, distance_to_box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length, points_at
 
 MIN_PIECE_M = 0.012
 """Minimum length of a piece. Shorter ones, at the edge of the region, are omitted."""
 RAISED_M = 0.0003
-"""Height above the table from which a string is raised."""
+"""Height above the table, or above the box below, from which a string is raised."""
 SAME_STRAND_RADII = 4.0
 """Arc length, in radii, within which two parts of a string belong to one strand, so that they do not collide."""
 
@@ -80,7 +81,7 @@ def cut_pieces(scene: StringScene, centre_m: NDArray[np.float64], settings: Phys
                     joints,
                     middles % length_m if closed else middles,
                     ring,
-                    _carried(joints, radius_m, cut),
+                    _carried(joints, radius_m, cut, scene.boxes),
                 )
             )
     return pieces
@@ -92,9 +93,16 @@ def _runs(inside: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2] - 1, strict=True)]
 
 
-def _carried(points: NDArray[np.float64], radius_m: float, cut: tuple[bool, bool]) -> NDArray[np.bool_]:
+def _carried(
+    points: NDArray[np.float64], radius_m: float, cut: tuple[bool, bool], boxes: Sequence[Box]
+) -> NDArray[np.bool_]:
     """Return which segments (N,) belong to an arch that is cut at the beginning or at the end of a piece."""
-    raised = (points[1:, 2] + points[:-1, 2]) / 2 > radius_m + RAISED_M
+    middle = (points[1:] + points[:-1]) / 2
+    floor = np.zeros(len(middle))
+    for box in boxes:
+        above = (distance_to_box(middle[:, :2], box) == 0) & (middle[:, 2] > box.size_m[2])
+        floor[above] = np.maximum(floor[above], box.size_m[2])
+    raised = middle[:, 2] > floor + radius_m + RAISED_M
     from_begin, from_end = np.logical_and.accumulate(raised), np.logical_and.accumulate(raised[::-1])[::-1]
     return (from_begin & cut[0]) | (from_end & cut[1])
 

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cell.simulation.cases import make_case
 from cell.simulation.grasp_physics.pieces import core_share, cut_pieces, segment_distance
 from cell.simulation.grasp_physics.settings import PhysicsSettings
+from cell.simulation.scenes.clutter import Box
 from recognition.geometry.polyline import arc_length
 from tests.cell.simulation.grasp_physics.scenes_and_grasps import straight_scene
 
@@ -18,6 +21,20 @@ def test_a_string_is_cut_at_the_edge_of_the_region() -> None:
     assert piece.lengths_m == pytest.approx(np.full(len(piece.s_m), SETTINGS.segment_m), rel=0.1)
     assert not piece.carried.any()
     assert not piece.ring
+
+
+def test_an_arch_that_is_cut_is_carried_and_a_string_on_a_plate_is_not() -> None:
+    centre = np.zeros(3)
+    flat = straight_scene()
+    (curve,) = flat.curves
+    # 30 mm wide, and highest where the string is cut.
+    arch = curve + 0.01 * np.exp(-(((curve[:, :1] - SETTINGS.region_m) / 0.01) ** 2)) * (0.0, 0.0, 1.0)
+    (piece,) = cut_pieces(replace(flat, curves=(arch,)), centre, SETTINGS)
+    assert piece.carried[-3:].all()
+    assert not piece.carried[: len(piece.carried) - 5].any()
+    plate = Box((0.0, 0.0), (0.4, 0.06, 0.002), 0.0)
+    on_plate = replace(flat, curves=(curve + (0.0, 0.0, 0.002),), boxes=(plate,))
+    assert not cut_pieces(on_plate, centre, SETTINGS)[0].carried.any()
 
 
 @pytest.mark.parametrize(("tier", "low", "high"), [("soft", 0.55, 0.65), ("many", 0.95, 1.0)])
