@@ -83,7 +83,7 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
 
 def _fit(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the plane (slope along x, slope along y, height) with the least squares of `A @ plane - z`."""
-    return np.linalg.lstsq(A.T @ A, A.T @ z, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ z, rcond=None)[0], dtype=np.float64)
 
 
 def _fit_lower_plane(
