@@ -28,7 +28,7 @@ from tests.service.live_cell import LiveCell, live_cell
 ADDRESS = "http://127.0.0.1:8000"
 ELSEWHERE = {
     "make demo": "tests/service/cli/test_main.py::test_demo_compares_with_the_truth_and_can_be_repeated",
-    "make test": ".ci/run::make --keep-going lint test",
+    "make test": ".ci/run::make test",
     "make serve": "tests/service/cli/commands/test_serve.py::test_text_log_has_plain_start_lines",
     "make setup": "Makefile::setup:",
     "pip install ./service/client": "tests/service/client/test_distribution.py"

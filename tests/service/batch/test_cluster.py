@@ -12,7 +12,7 @@ from service.batch import cluster as cluster_module
 from service.batch import recognise_file
 from service.cli.main import main
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from service.batch import recognise as recognise_module
 from service.cli.main import main
 from tests.service.schema_1 import as_schema_1
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because some tests run several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because some tests run several busy processes
 
 RECORDINGS = 6
 POINTCHAIN = (sys.executable, "-c", "import sys; from service.cli.main import main; sys.exit(main())", "recognise")

@@ -12,7 +12,7 @@ from pointchain_client import AsyncClient, Client, Model, ScanFailedError, ScanP
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.live_cell import LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
 README = (Path(__file__).resolve().parents[3] / "README.md").read_text()
 

@@ -14,7 +14,7 @@ from tests.service.faults.figures import rounds
 from tests.service.faults.moves import assert_followed_plan, events_since, log_position
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]

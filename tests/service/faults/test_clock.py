@@ -28,7 +28,7 @@ from tests.service.faults.recognition_stub import stub_factory
 from tests.service.following import fold_events, read_events
 from tests.service.live_cell import live_cell
 
-pytestmark = [pytest.mark.fault(23), pytest.mark.xdist_group("cell")]
+pytestmark = [pytest.mark.fault(23), pytest.mark.xdist_group("service")]
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 DAY = timedelta(days=1)

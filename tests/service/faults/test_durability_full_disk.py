@@ -19,7 +19,7 @@ from tests.service.faults.recognition_stub import RecognitionStub, describe_here
 from tests.service.live_cell import LiveCell, live_cell
 from tests.service.stored_data import check_target_of
 
-pytestmark = [pytest.mark.fault(19), pytest.mark.xdist_group("cell")]
+pytestmark = [pytest.mark.fault(19), pytest.mark.xdist_group("service")]
 
 Problem = Callable[[httpx2.Response, int, str], str]
 Make = Callable[[], RecognitionStub]

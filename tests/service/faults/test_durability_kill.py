@@ -27,7 +27,7 @@ from tests.service.stored_data import check_target_of
 
 pytestmark = [
     pytest.mark.fault(20),
-    pytest.mark.xdist_group("cell"),
+    pytest.mark.xdist_group("service"),
     pytest.mark.skipif(not hasattr(os, "fork"), reason="services are forked"),
 ]
 

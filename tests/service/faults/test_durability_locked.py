@@ -17,7 +17,7 @@ from tests.service.faults.recognition_stub import RecognitionStub, stub_factory
 from tests.service.live_cell import live_cell
 from tests.service.stored_data import check_target_of
 
-pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("cell")]
+pytestmark = [pytest.mark.fault(22), pytest.mark.xdist_group("service")]
 
 Problem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]

@@ -22,7 +22,7 @@ from tests.service.conftest import PATIENCE_S, Serve, wait_until
 from tests.service.faults.moves import events_since, log_position
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time: each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 

@@ -24,7 +24,7 @@ TIME_FACTOR = 0.5
 """Factor of the arm's speed. A move takes several times as long as the watchdog waits."""
 
 
-@pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+@pytest.mark.xdist_group("service")  # one at a time: several busy processes
 @pytest.mark.fault(12)
 @rounds(1, 10)
 def test_the_watchdog_stops_the_arm_and_nothing_resumes(

@@ -42,7 +42,7 @@ def test_the_service_matches_its_description(
 
 @pytest.mark.fuzz
 @pytest.mark.timeout(4 * 3600)
-@pytest.mark.xdist_group("cell")
+@pytest.mark.xdist_group("service")
 def test_the_service_with_a_cell_matches_its_description(
     serve: Serve, recording_file: Path, finished: Callable[..., Any], tmp_path: Path
 ) -> None:

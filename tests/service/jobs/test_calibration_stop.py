@@ -10,7 +10,7 @@ import pytest
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import SCAN, LiveCell, live_cell
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 Problem = Callable[[httpx2.Response, int, str], str]

@@ -12,7 +12,7 @@ from tests.cell.loopback import free_host
 from tests.processes import children, rss_bytes, state
 from tests.service.conftest import Serve, wait_until
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
 WARM_UP = 0.2
 """Share of the scans after which memory is measured first. Buffers and caches have filled by then."""

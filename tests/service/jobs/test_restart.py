@@ -81,7 +81,7 @@ def test_a_kill_during_a_replay_keeps_earlier_results(recording_file: Path, tmp_
     folder.close()
 
 
-@pytest.mark.xdist_group("cell")  # one at a time, because the test runs several busy processes
+@pytest.mark.xdist_group("service")  # one at a time, because the test runs several busy processes
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for left-over processes in /proc")
 def test_a_kill_during_a_live_scan_keeps_its_views(tmp_path: Path) -> None:
     data, host = tmp_path / "data", free_host()

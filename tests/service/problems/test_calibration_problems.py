@@ -33,7 +33,7 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.live_cell import LiveCell, live_cell
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: a module has a simulated cell
+pytestmark = pytest.mark.xdist_group("service")  # one at a time: a module has a simulated cell
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]

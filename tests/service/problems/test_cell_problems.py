@@ -18,7 +18,7 @@ from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time: each test runs several busy processes
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]

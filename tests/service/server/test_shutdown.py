@@ -32,7 +32,7 @@ STOP_S, EXIT_S = 0.05, 5.0
 
 
 @pytest.mark.fault(26)
-@pytest.mark.xdist_group("cell")  # one at a time, because the test runs several busy processes
+@pytest.mark.xdist_group("service")  # one at a time, because the test runs several busy processes
 @rounds(1, 20)
 def test_a_shutdown_during_a_move_stops_the_arm_and_then_informs_all_clients(
     tmp_path: Path, figures: Figures, count: int

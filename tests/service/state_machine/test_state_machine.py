@@ -29,7 +29,7 @@ from tests.service.following import read_events
 from tests.service.live_cell import SCAN
 from tests.service.state_machine.world import World
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time: several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time: several busy processes
 
 PICK = st.integers(0, 1 << 16)
 """Selects one of the present items. The values that hypothesis draws must not depend on the service."""

@@ -23,7 +23,7 @@ from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
 from tests.service.signalled import assert_stopped, interrupt
 
-pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
+pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
 TIMEOUT_S = 120
 """Timeout, seconds. A busy machine needs time to load the libraries."""
