@@ -105,6 +105,8 @@ class Runner:
             "POINTCHAIN_ARM__HOST": free_host(),
             "POINTCHAIN_ARM__TIME_FACTOR": "20",
             "POINTCHAIN_ARM__WATCHDOG_HZ": "1",
+            "POINTCHAIN_CAMERA__FPS": "30",
+            "POINTCHAIN_CAMERA__EXPOSURES": "1",
         }
 
     def run(self, block: Block) -> None:
