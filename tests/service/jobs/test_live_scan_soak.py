@@ -25,7 +25,7 @@ GROWTH_BYTES = 8 << 20
 @pytest.mark.parametrize(
     "scans",
     [
-        4,
+        2,
         pytest.param(500, marks=[pytest.mark.soak, pytest.mark.timeout(7200)]),
     ],
 )
