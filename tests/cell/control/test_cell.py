@@ -266,12 +266,12 @@ def test_a_fault_since_the_preparation_must_be_acknowledged_before_the_run(tmp_p
 
 def test_a_camera_without_images_fails_the_scan_with_the_arm_at_home(tmp_path: Path) -> None:
     with opened(simulated()) as cell:
-        prepared = prepared_scan(cell)
+        prepared = prepared_scan(cell, 4)
         cell.camera.fault("zero")
         listener = RecordingListener()
         with pytest.raises(MissingViewsError, match="0 views were taken, 4 are needed"):
             scan(cell, tmp_path / "scan.mcap", listener, prepared)
-        assert set(listener.reasons) == set(range(8))
+        assert set(listener.reasons) == set(range(4))
         np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
 
 
@@ -314,7 +314,7 @@ def test_a_request_older_than_a_stop_is_refused_and_changes_nothing(cell: Cell) 
 def test_a_fault_on_the_move_home_is_kept_if_views_are_missing(tmp_path: Path) -> None:
     """With too few views the arm still moves home. A fault of that move is the more important error."""
     with opened(simulated()) as cell:
-        prepared = prepared_scan(cell)
+        prepared = prepared_scan(cell, 4)
         cell.camera.fault("zero")
         with closing(controller(cell)) as admin:
 
@@ -346,7 +346,7 @@ def test_a_plan_is_refused_if_the_arm_has_moved(tmp_path: Path) -> None:
             scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
         assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
         admin.close()
-        assert len(scan(cell, tmp_path / "another.mcap", RecordingListener())) == 8
+        assert len(scan(cell, tmp_path / "another.mcap", RecordingListener(), prepared_scan(cell, 2))) == 2
 
 
 def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
@@ -372,10 +372,10 @@ def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
 
 def test_a_stop_of_one_cell_does_not_affect_another(tmp_path: Path) -> None:
     with opened(simulated()) as one, opened(simulated()) as other:
-        prepared = [prepared_scan(each) for each in (one, other)]
+        prepared = [prepared_scan(each, 2) for each in (one, other)]
         assert one.controller_host != other.controller_host
         one.stop()
-        assert len(scan(other, tmp_path / "other.mcap", RecordingListener(), prepared[1])) == 8
+        assert len(scan(other, tmp_path / "other.mcap", RecordingListener(), prepared[1])) == 2
         assert one.status.slug == "stopped"
 
 
