@@ -36,6 +36,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "photo": 15.0,
     "hard": 20.0,
     "measured": 18.0,
+    "fixtures": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0
