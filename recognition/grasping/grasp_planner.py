@@ -175,7 +175,7 @@ def _try_approach(
     opening = candidates.opening_m[at] - gripper.opening_margin_m + margin
 
     deepest = approach.reach_share * r
-    floor_z = floor.highest(_fingertip_positions(T, opening, deepest, tilt != 0.0, gripper))
+    floor_z = floor.highest(_fingertip_positions(T, opening, deepest, r, tilt != 0.0, gripper))
     # If the gripper is tilted, the outer corner of a fingertip is its lowest point.
     height = candidates.point[at, 2] - floor_z - abs(np.sin(tilt)) * (opening / 2 + gripper.finger_thickness_m)
     least = min(gripper.min_table_clearance_m, gripper.table_clearance_m)
@@ -206,24 +206,27 @@ def _try_approach(
 
 
 def _fingertip_positions(
-    T: NDArray[np.float64], opening: NDArray[np.float64], reach: float, sweep: bool, gripper: Gripper
+    T: NDArray[np.float64], opening: NDArray[np.float64], reach: float, radius_m: float, sweep: bool, gripper: Gripper
 ) -> NDArray[np.float64]:
-    """Return positions (N, K, 2) that the fingertips and a clearance around them cover, seen from above, metres.
+    """Return positions (N, K, 2) that the fingertips cover until they are closed, seen from above, metres.
+
+    The positions include a clearance around the fingertips.
 
     Args:
         T: (N, 4, 4) grasp poses `T_base_grasp`.
         opening: (N,) openings between the fingers, metres.
         reach: Distance of the fingertips beyond the centre line, metres.
+        radius_m: Radius of the string, at which the fingers are closed, metres.
         sweep: Whether the ends of the fingers, `TILTED_SWEEP_M` long, are covered too.
         gripper: Dimensions of the gripper.
     """
-    width = gripper.finger_thickness_m + 2 * gripper.clearance_m
+    outer = opening / 2 + gripper.finger_thickness_m + gripper.clearance_m
     half = gripper.finger_width_m / 2 + gripper.clearance_m
-    across = np.linspace(0.0, width, int(np.ceil(width / CELL_M)) + 1) - gripper.clearance_m
+    across = np.linspace(0.0, 1.0, int(np.ceil((outer.max(initial=radius_m) - radius_m) / CELL_M)) + 1)
     along = np.linspace(-half, half, int(np.ceil(2 * half / CELL_M)) + 1)
     back = np.linspace(0.0, TILTED_SWEEP_M, int(np.ceil(TILTED_SWEEP_M / CELL_M)) + 1) if sweep else np.zeros(1)
     side, across, along, back = (a.ravel() for a in np.meshgrid((-1.0, 1.0), across, along, back, indexing="ij"))
-    x = side * (opening[:, None] / 2 + across)
+    x = side * (radius_m + (outer[:, None] - radius_m) * across)
     local = np.stack([x, np.broadcast_to(along, x.shape), np.broadcast_to(reach - back, x.shape)], axis=-1)
     return np.einsum("nij,nkj->nki", T[:, :2, :3], local) + T[:, None, :2, 3]
 
