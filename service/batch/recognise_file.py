@@ -46,7 +46,8 @@ class RecognitionRequest:
             del document["settings"]
         if not self.all_grasps:
             del document["all_grasps"]
-        return document
+        # Lists instead of tuples, as in a line that is read again.
+        return json.loads(json.dumps(document))
 
 
 @dataclass(frozen=True)
