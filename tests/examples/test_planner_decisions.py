@@ -75,7 +75,7 @@ def test_it_does_nothing_where_no_string_is(planner: ModuleType, clutter: int) -
 
 
 # In these scenes without a string, the edge or a fold of an object is recognised as a chain.
-@pytest.mark.parametrize(("seed", "clutter"), [(11, 0), (177, 0), (10, 4), (121, 4)])
+@pytest.mark.parametrize(("seed", "clutter"), [(11, 0), (34, 0), (14, 4), (121, 4)])
 def test_it_asks_a_person_about_an_object_that_looks_like_a_string(
     planner: ModuleType, seed: int, clutter: int
 ) -> None:
