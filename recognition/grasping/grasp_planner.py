@@ -57,7 +57,7 @@ class GraspSet:
     grasps: tuple[Grasp, ...]
     """Grasps on all chains, the best first."""
     findings: tuple[Finding, ...]
-    """One note on each chain without a grasp, and one if low objects cannot be told from the noise."""
+    """One note on each chain without a grasp, and one if low objects are hidden in the noise."""
 
 
 def find_grasps(

@@ -15,9 +15,9 @@ from recognition.geometry.polyline import close_polyline, points_at, resampled_l
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.preprocessing.height_map import NO_HEIGHTS, HeightMap
-from recognition.preprocessing.support_surface import EDGE_M, SupportSurface
+from recognition.preprocessing.support_surface import EDGE_M, MIN_RAISED_M, SupportSurface
 
-MIN_HEIGHT_M = 0.0012
+MIN_HEIGHT_M = MIN_RAISED_M
 """Minimum height of an object above the table around it, metres, at low noise."""
 MIN_HEIGHT_SIGMAS = 5.0
 """Minimum height of an object above the table around it, in standard deviations of the table cells of the scan."""
@@ -48,7 +48,7 @@ class LocalFloor:
     is_raised: NDArray[np.bool_]
     """(M, N) mask of the cells of objects that rise above the table."""
     min_height_m: float
-    """Minimum height of an object that can be told from the noise of the table, metres."""
+    """Minimum height of an object above the noise of the table, metres."""
     table_z_m: float
     """Height of the table plane, metres, base frame."""
 
@@ -114,7 +114,7 @@ def find_local_floor(support: SupportSurface, chains: Sequence[Chain]) -> LocalF
     is_higher = measured & (np.where(measured, residual, 0.0) > EDGE_SHARE * min_height)
     is_raised |= is_higher & np.asarray(ndimage.binary_dilation(is_raised, np.ones((3, 3))), dtype=np.bool_)
 
-    # A pixel may be missing in every view. The cells around it tell what lies there.
+    # A pixel may be missing in every view. The cells around it show what lies there.
     around = ndimage.maximum_filter(np.where(np.isfinite(z), np.where(is_raised, z, 0.0), -np.inf), 3)
     floor = np.where(is_raised, z, np.maximum(background, 0.0))
     floor = np.where(np.isfinite(z), floor, np.where(np.isfinite(around), around, np.inf))
@@ -127,7 +127,7 @@ def low_object_findings(floor: LocalFloor) -> list[Finding]:
     if floor.min_height_m <= MIN_HEIGHT_M:
         return []
     message = (
-        f"objects lower than {floor.min_height_m * 1000:.1f} mm cannot be told from the noise of the measured table, "
+        f"objects lower than {floor.min_height_m * 1000:.1f} mm are hidden in the noise of the measured table, "
         "and a fingertip may come down on one"
     )
     return [finding("low-objects-hidden", message, value=floor.min_height_m, limit=MIN_HEIGHT_M)]

@@ -251,10 +251,10 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "low-objects-hidden": FindingType(
         severity="note",
         scope="nothing",
-        meaning="The measured table is so noisy that a low object on it cannot be told from the noise.",
+        meaning="The measured table is so noisy that low objects on it are hidden.",
         action="Nothing, if no object there is lower than `value`. Otherwise scan from more views, or closer.",
         decision="nothing",
-        value="height of the lowest object that can be told from the noise, m; at low noise it is `limit`",
+        value="height of the lowest object above the noise, m; at low noise it is `limit`",
     ),
     "no-string-in-view": FindingType(
         severity="note",

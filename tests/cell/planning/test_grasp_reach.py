@@ -70,7 +70,7 @@ def assert_carried_out(poses: FlangePoses, index: int, reach: GraspReach, settin
     np.testing.assert_allclose(forward(arm, reach.q_pregrasp_rad), wanted.pregrasp[index], rtol=0, atol=5e-7)
     np.testing.assert_allclose(forward(arm, reach.q_grasp_rad), wanted.grasp[index], rtol=0, atol=5e-7)
     assert np.abs([reach.q_pregrasp_rad, reach.q_grasp_rad]).max() <= USED_LIMIT_RAD
-    # the straight line, solved anew at every 2.5 mm: one solution goes on from the pre-grasp to the grasp
+    # the straight line, solved again at every 2.5 mm: one solution goes on from the pre-grasp to the grasp
     q, line = reach.q_pregrasp_rad, []
     for share in np.linspace(0, 1, 21):
         T = wanted.pregrasp[index].copy()
