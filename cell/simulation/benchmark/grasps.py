@@ -157,7 +157,7 @@ def grasp_case_json(case: GraspCase) -> dict[str, Any]:
 
 def _result(judged: JudgedGrasp) -> GraspResult:
     """Return the result of a grasp. A grasp of a chain that matches no string is not good."""
-    clean = judged.clearance is not None and judged.clearance.clean
+    clean = judged.clearance is not None and judged.clearance.is_clean
     if judged.planned is None:
         return GraspResult(judged.rank, clean, False, False, False, None, None, None)
     outcome, others = judged.outcome, [outcome for _, outcome in judged.with_errors]

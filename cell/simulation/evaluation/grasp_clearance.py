@@ -90,6 +90,11 @@ class GraspClearance:
         return min(self.fingers.obstacle_m, self.palm.obstacle_m, self.between.obstacle_m) <= 0
 
     @property
+    def is_clean(self) -> bool:
+        """Whether nothing is touched, not even the gripped strand before the fingers close."""
+        return not self.touches and min(self.fingers.gripped_m, self.palm.gripped_m) > 0
+
+    @property
     def finger_contact(self) -> tuple[str, ...]:
         """What a finger touches on the approach or while the fingers close: `table`, `box`, `string` or `gripped`."""
         return tuple(dict.fromkeys(self.fingers.contact + self.between.contact))

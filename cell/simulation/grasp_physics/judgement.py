@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.simulation.evaluation.chain_matching import ChainMatch, match_chains
 from cell.simulation.evaluation.curve_distance import Polyline
-from cell.simulation.grasp_physics.clearance import Clearance, approach_clearance
+from cell.simulation.evaluation.grasp_clearance import GraspClearance, grasp_clearances
 from cell.simulation.grasp_physics.settings import PhysicsSettings, RobotError
 from cell.simulation.grasp_physics.trial import GraspOutcome, PlannedGrasp, simulate_grasp
 from cell.simulation.scenes.scenes import StringScene
@@ -28,7 +28,7 @@ class JudgedGrasp:
     """Rank of the grasp in the model, 0 for the best."""
     planned: PlannedGrasp | None
     """The grasp on its true string, or None if its chain matches no string."""
-    clearance: Clearance | None
+    clearance: GraspClearance | None
     """Clearance of the approach, or None if the chain matches no string."""
     outcome: GraspOutcome | None
     """Result of the simulation, or None without a simulation of this grasp or without a string."""
@@ -75,8 +75,9 @@ def judge_grasps(
     planned = plan_on_truth(scene, chains, grasps)
     chosen = set(range(len(grasps)) if simulated is None else simulated)
     disturbed = chosen if with_errors is None else set(with_errors)
+    clearances = grasp_clearances(grasps, scene, gripper)
     judged = []
-    for rank, grasp in enumerate(planned):
+    for rank, (grasp, clearance) in enumerate(zip(planned, clearances, strict=True)):
         if grasp is None:
             judged.append(JudgedGrasp(rank, None, None, None, ()))
             continue
@@ -84,7 +85,7 @@ def judge_grasps(
         outcomes = [
             (error, simulate_grasp(scene, grasp, gripper, error, settings)) for error in errors if rank in disturbed
         ]
-        judged.append(JudgedGrasp(rank, grasp, approach_clearance(scene, grasp, gripper), outcome, tuple(outcomes)))
+        judged.append(JudgedGrasp(rank, grasp, clearance, outcome, tuple(outcomes)))
     return judged
 
 

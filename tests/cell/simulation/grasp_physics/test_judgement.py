@@ -68,7 +68,7 @@ def test_the_best_grasp_holds_the_right_string(tier: str) -> None:
     assert best.outcome is not None
     assert not best.outcome.touches_more()
     assert best.clearance is not None
-    assert best.clearance.clean
+    assert best.clearance.is_clean
 
 
 @pytest.mark.soak
