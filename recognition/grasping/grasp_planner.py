@@ -16,8 +16,9 @@ from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M, ROUNDING_M,
 from recognition.grasping.gripper import Gripper, swept_distance
 from recognition.grasping.local_floor import LocalFloor, low_object_findings
 from recognition.grasping.obstacles import ObjectPoints, Obstacles, gather_obstacles
-from recognition.model.chains import Chain, ChainInterpolator, Crossing, Grasp
+from recognition.model.chains import Chain, ChainInterpolator, Crossing
 from recognition.model.findings import Finding, finding
+from recognition.model.grasps import Grasp
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import CELL_M
 from recognition.registration.fusion import VOXEL_RADII

@@ -4,10 +4,11 @@ Chains, crossings and grasps go in, with the parameters, the findings and the qu
 The model comes out, with verdicts, Gauss code, P-data and its JSON document of schema `pointchain/2`.
 """
 
-from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.chains import Chain, Crossing, End, StrandPoint
 from recognition.model.changes import ChainMatch, ModelChanges
 from recognition.model.finding_types import FINDING_TYPES, FindingCode, FindingType, Severity
 from recognition.model.findings import Finding
+from recognition.model.grasps import Grasp
 from recognition.model.model import METHODS, SCHEMA, Method, PointChainModel
 from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality, ViewQuality

@@ -12,10 +12,11 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
-from recognition.model.chains import Chain, Crossing, End, Grasp, StrandPoint
+from recognition.model.chains import Chain, Crossing, End, StrandPoint
 from recognition.model.changes import Change, ModelChanges
 from recognition.model.finding_types import FindingCode, Severity
 from recognition.model.findings import Finding, Which
+from recognition.model.grasps import Grasp
 from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement

@@ -6,8 +6,9 @@ from functools import cached_property
 from typing import Any, Literal, Self, TypeVar, cast
 
 from recognition.errors import ModelError
-from recognition.model.chains import Chain, Crossing, Grasp
+from recognition.model.chains import Chain, Crossing
 from recognition.model.changes import ModelChanges, compare_chains
+from recognition.model.grasps import Grasp
 from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality
 from recognition.model.topology import PData, gauss_code, p_data

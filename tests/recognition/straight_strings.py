@@ -5,8 +5,9 @@ import numpy as np
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.local_floor import LocalFloor
-from recognition.model.chains import Chain, Crossing, Grasp
+from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
+from recognition.model.grasps import Grasp
 from recognition.parameters import ChainParameters
 
 R = 0.0042

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from cell.simulation.evaluation.grasp_clearance import grasp_clearances
 from cell.simulation.scenes.scenes import StringScene
 from recognition.grasping.gripper import Gripper
-from recognition.model.chains import Grasp
+from recognition.model.grasps import Grasp
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from cell.simulation.scenes.planar_crossings import is_closed
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length, resample
 from recognition.grasping.gripper import Gripper
-from recognition.model.chains import Grasp
+from recognition.model.grasps import Grasp
 
 APPROACH_M = 0.1
 """Length of the straight approach. It is longer than the highest object of a scene."""

@@ -14,7 +14,8 @@ from cell.simulation.grasp_physics.trial import GraspOutcome, PlannedGrasp, simu
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length
 from recognition.grasping.gripper import Gripper
-from recognition.model.chains import Chain, Grasp
+from recognition.model.chains import Chain
+from recognition.model.grasps import Grasp
 
 MATCH_WINDOW_M = 0.02
 """Largest difference between the arc length of a grasp on its string by shares of the lengths, and by its position."""

@@ -8,8 +8,9 @@ import pytest
 
 from recognition.grasping.grasp_planner import GraspSet
 from recognition.grasping.trusted_grasps import select_trusted_grasps
-from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import Finding, finding
+from recognition.model.grasps import Grasp
 from recognition.model.trust import CROSSING_PART_RADII
 from tests.recognition.straight_strings import GRIPPER, HALF_FINGER, R, chain, grasps_of, straight
 

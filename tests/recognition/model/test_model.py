@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recognition.model.chains import Chain, Crossing, Grasp, StrandPoint
+from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import finding
+from recognition.model.grasps import Grasp
 from recognition.model.model import METHODS, PointChainModel
 from recognition.model.quality import Quality, ViewQuality
 from recognition.parameters import ChainParameters

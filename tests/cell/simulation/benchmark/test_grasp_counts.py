@@ -8,7 +8,7 @@ from cell.simulation.benchmark.grasp_counts import JudgedGrasps, count_grasps, j
 from cell.simulation.benchmark.tables import grasps_table
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
-from recognition.model.chains import Grasp
+from recognition.model.grasps import Grasp
 
 R = 0.004
 

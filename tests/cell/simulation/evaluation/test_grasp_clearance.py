@@ -11,7 +11,7 @@ from cell.simulation.evaluation.grasp_clearance import FAR_M, GraspClearance, gr
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.grasping.gripper import Gripper, swept_distance
-from recognition.model.chains import Grasp
+from recognition.model.grasps import Grasp
 
 R = 0.004
 GRIPPER = Gripper(finger_width_m=0.010, finger_thickness_m=0.005, finger_depth_m=0.040, stroke_m=0.085)
