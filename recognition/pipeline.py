@@ -20,15 +20,14 @@ from recognition.assembly.unexplained import (
 from recognition.assembly.view_findings import drift_findings, view_findings
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
-from recognition.grasping.grasp_planner import find_grasps
+from recognition.grasping.grasping import Grasping, plan_grasps
 from recognition.grasping.gripper import Gripper
-from recognition.grasping.local_floor import find_local_floor
-from recognition.grasping.trusted_grasps import select_trusted_grasps
 from recognition.model.findings import finding, most_serious_first
 from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters, check_settings
 from recognition.preprocessing.coverage import coverage_findings
+from recognition.preprocessing.height_map import HeightMap
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
@@ -78,6 +77,10 @@ class Recognition:
     """Nodes, fragments, pairs of ends and strands of the method `graph`."""
     refinement: Refinement | None = None
     """Strands of the method `graph` after the tube fit."""
+    height_map: HeightMap | None = None
+    """Height of the table and of all that lies on it, from all views."""
+    grasping: Grasping | None = None
+    """Grasps, and the floor for the fingertips."""
 
 
 @dataclass
@@ -240,11 +243,9 @@ def recognise(
     )
 
     timer.begin("grasps")
-    gripper = gripper or Gripper()
-    candidates = find_grasps(
-        chains, crossings.crossings, surface, find_local_floor(support, chains), parameters, gripper
+    grasping = plan_grasps(
+        chains, crossings.crossings, surface, support, findings, parameters, gripper or Gripper(), all_grasps
     )
-    grasps = select_trusted_grasps(candidates, chains, crossings.crossings, findings, gripper, all_grasps)
     timer.end()
 
     model = PointChainModel(
@@ -254,10 +255,10 @@ def recognise(
         crossings=tuple(crossings.crossings),
         quality=Quality(
             views=tuple(sorted(registration.views + ingested.excluded, key=lambda view: view.index)),
-            findings=most_serious_first((*findings, *grasps.findings)),
+            findings=most_serious_first((*findings, *grasping.findings)),
         ),
         timing_s=timer.timing_s,
-        grasps=grasps.grasps,
+        grasps=grasping.grasps,
     )
     return Recognition(
         model=model,
@@ -271,6 +272,8 @@ def recognise(
         reconstruction=reconstruction,
         graph=graph,
         refinement=refinement,
+        height_map=support.heights,
+        grasping=grasping,
     )
 
 

@@ -15,7 +15,7 @@ from recognition.grasping.gripper import Gripper
 APPROACH_MARGIN_M = 0.01
 """Distance of the fingertips, at the pre-grasp, from the highest thing that may lie under the palm of the grasp."""
 LIFT_M = 0.06
-"""Height by which the gripper is lifted after a grasp, metres."""
+"""Distance by which the gripper is lifted after a grasp, along its approach direction, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class FlangePoses:
     grasp: NDArray[np.float64]
     """Poses at which the fingers close."""
     retreat: NDArray[np.float64]
-    """Poses after the lift, straight up in the base frame."""
+    """Poses after the lift, back along the approach direction, where the planner has found free space."""
 
     def turned(self) -> "FlangePoses":
         """Return the poses turned by pi about the flange's z axis. They hold the string in the same way."""
@@ -79,7 +79,7 @@ def flange_poses(
         reach_m: (N,) distances of the fingertips beyond the centre line, metres.
         gripper: Gripper on the flange.
         approach_m: Distance from the pre-grasp to the grasp along the approach. None means `approach_distance_m`.
-        lift_m: Height of the lift.
+        lift_m: Distance of the lift, along the approach.
 
     Returns:
         The poses of the flange, one of the two equivalent turns about the approach direction.
@@ -91,5 +91,5 @@ def flange_poses(
     grasp = T_base_grasp @ T_grasp_tcp @ T_tcp_flange
     pregrasp, retreat = grasp.copy(), grasp.copy()
     pregrasp[:, :3, 3] -= back * grasp[:, :3, 2]
-    retreat[:, 2, 3] += lift_m
+    retreat[:, :3, 3] -= lift_m * grasp[:, :3, 2]
     return FlangePoses(pregrasp, grasp, retreat)

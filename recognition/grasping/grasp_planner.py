@@ -15,13 +15,12 @@ from scipy.spatial import KDTree
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M, ROUNDING_M, GraspCandidates, find_candidates
 from recognition.grasping.gripper import Gripper, swept_distance
 from recognition.grasping.local_floor import LocalFloor, low_object_findings
-from recognition.grasping.obstacles import ObjectPoints, Obstacles, gather_obstacles
+from recognition.grasping.obstacles import ObjectPoints, Obstacles
 from recognition.model.chains import Chain, ChainInterpolator, Crossing
 from recognition.model.findings import Finding, finding
 from recognition.model.grasps import Grasp
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import CELL_M
-from recognition.registration.fusion import VOXEL_RADII
 
 FULL_SCORE_CLEARANCE_M = 0.003
 """Minimum clearance for the full clearance score, metres. An arm with a hand-eye calibration is more accurate."""
@@ -61,10 +60,22 @@ class GraspSet:
     """One note on each chain without a grasp, and one if low objects are hidden in the noise."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """What the gripper must keep clear of."""
+
+    obstacles: Obstacles
+    """Spheres on all chains, and on all other objects above z_t."""
+    floor: LocalFloor
+    """Height of the table and of low objects on it."""
+    edges: NDArray[np.float64]
+    """(K, 3) edge cells of the low objects, metres, base frame."""
+
+
 def find_grasps(
     chains: Sequence[Chain],
     crossings: Sequence[Crossing],
-    surface: NDArray[np.float64],
+    obstacles: Obstacles,
     floor: LocalFloor,
     parameters: ChainParameters,
     gripper: Gripper,
@@ -103,8 +114,7 @@ def find_grasps(
     Args:
         chains: Chains of the model.
         crossings: Crossings of the chains.
-        surface: (N, 3) measured points of strings and other objects, metres, base frame. All are higher than z_t above
-            the table, and down-sampled to voxels of edge length r * `VOXEL_RADII`.
+        obstacles: Spheres that cover the chains and all other objects above z_t.
         floor: Height of the table and of low objects on it.
         parameters: Method parameters; uses the radius r and the extent r_cn of an intersection.
         gripper: Dimensions of the gripper.
@@ -112,13 +122,12 @@ def find_grasps(
     Returns:
         The grasps in the base frame, and the notes.
     """
-    obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
-    edges = floor.edge_points()
+    surroundings = _Surroundings(obstacles, floor, floor.edge_points())
     grasps: list[Grasp] = []
     findings = low_object_findings(floor) if chains else []
     for chain in chains:
         candidates, reason = find_candidates(chain, crossings, parameters, gripper)
-        found = [] if candidates is None else _best_grasps(chain, candidates, obstacles, floor, edges, gripper)
+        found = [] if candidates is None else _best_grasps(chain, candidates, surroundings, gripper)
         if not found:
             message = f"chain {chain.id} cannot be grasped: {reason}"
             findings.append(finding("no-grasp", message, chains=(chain.id,)))
@@ -130,9 +139,7 @@ def find_grasps(
 def _best_grasps(
     chain: Chain,
     candidates: GraspCandidates,
-    obstacles: Obstacles,
-    floor: LocalFloor,
-    edges: NDArray[np.float64],
+    surroundings: _Surroundings,
     gripper: Gripper,
 ) -> list[Grasp]:
     """Return the best grasp of each candidate over all approaches. Omit candidates without a possible grasp."""
@@ -142,7 +149,7 @@ def _best_grasps(
         for approach in approaches:
             if len(crowded) == 0:
                 break
-            grasps = _try_approach(chain, candidates, crowded, approach, obstacles, floor, edges, gripper)
+            grasps = _try_approach(chain, candidates, crowded, approach, surroundings, gripper)
             for k, grasp in zip(crowded, grasps, strict=True):
                 known = best[k]
                 if grasp is not None and (known is None or grasp.score > known.score):
@@ -164,13 +171,12 @@ def _try_approach(
     candidates: GraspCandidates,
     at: NDArray[np.int64],
     approach: Approach,
-    obstacles: Obstacles,
-    floor: LocalFloor,
-    edges: NDArray[np.float64],
+    surroundings: _Surroundings,
     gripper: Gripper,
 ) -> list[Grasp | None]:
     """Return the grasps of the candidates `at` (N,) by one approach, or None where it is not possible."""
     tilt, r = approach.tilt_rad, chain.radius_m
+    obstacles, floor, edges = surroundings.obstacles, surroundings.floor, surroundings.edges
     T = _grasp_frames(candidates.point[at], candidates.direction[at], tilt)
     margin = approach.margin_share * gripper.opening_margin_m
     opening = candidates.opening_m[at] - gripper.opening_margin_m + margin
@@ -293,10 +299,8 @@ def _clearance_from_objects(
     unresolved = to_centre - objects.extent_m[cell] < clearance[pose]
     unresolved &= clearance[pose] >= gripper.clearance_m
     pose, cell = pose[unresolved], cell[unresolved]
-    count = objects.count[cell]
-    first = np.cumsum(objects.count) - objects.count
-    sphere = np.arange(count.sum()) + np.repeat(first[cell] - (np.cumsum(count) - count), count)
-    pose = np.repeat(pose, count)
+    sphere = objects.spheres_of(cell)
+    pose = np.repeat(pose, objects.count[cell])
     _, local = _offsets(T, pose, objects.points[sphere])
     distance = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
     np.minimum.at(clearance, pose, distance)

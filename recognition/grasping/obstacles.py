@@ -58,6 +58,12 @@ class ObjectPoints:
         """Search tree of `centre` in the table plane."""
         return KDTree(self.centre[:, :2])
 
+    def spheres_of(self, cells: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Return the indices (M,) of the spheres of some cells (K,), cell by cell."""
+        count = self.count[cells]
+        first = np.cumsum(self.count) - self.count
+        return np.arange(count.sum()) + np.repeat(first[cells] - (np.cumsum(count) - count), count)
+
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:

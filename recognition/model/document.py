@@ -16,7 +16,7 @@ from recognition.model.chains import Chain, Crossing, End, StrandPoint
 from recognition.model.changes import Change, ModelChanges
 from recognition.model.finding_types import FindingCode, Severity
 from recognition.model.findings import Finding, Which
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import Grasp, GraspMotion
 from recognition.model.provenance import Provenance
 from recognition.model.quality import Quality, ViewQuality
 from recognition.model.topology import CrossingElement, Element, EndElement, PData, Role, SegmentElement
@@ -265,9 +265,33 @@ class TopologyDocument(_Document):
     p_data: PDataDocument
 
 
+class GraspMotionDocument(_Document):
+    """Poses of the flange that carry out a grasp, `T_base_flange`, metres.
+
+    Move to `pregrasp`, open the gripper, move to `grasp` in a straight line, close, and move to `retreat` in a straight
+    line. The gripper has the length and the mounting of the configuration.
+    """
+
+    pregrasp: Annotated[tuple[Row, Row, Row, Row], BeforeValidator(_pose_rows)]
+    """In front of the grasp, back along the approach direction."""
+    grasp: Annotated[tuple[Row, Row, Row, Row], BeforeValidator(_pose_rows)]
+    """At the grasp."""
+    retreat: Annotated[tuple[Row, Row, Row, Row], BeforeValidator(_pose_rows)]
+    """After the lift, back along the approach direction."""
+
+    def to_motion(self) -> GraspMotion:
+        """Return the poses as arrays."""
+        return GraspMotion(*(np.array(T, dtype=np.float64) for T in (self.pregrasp, self.grasp, self.retreat)))
+
+
 class GraspDocument(_Document):
     """A pose in which the configured gripper can grasp a string."""
 
+    id: int
+    """Number of the grasp in the model, from 0. It is the index in the list."""
+    cluster: int
+    """Cluster of neighbouring grasps on a chain. Its first grasp is its best, and the others are within 20 mm of it
+    along the string. The best grasps of different clusters are at least 20 mm apart."""
     chain: int
     """Id of the chain."""
     s_m: Rounded
@@ -288,10 +312,56 @@ class GraspDocument(_Document):
     crossings."""
     trusted: bool
     """False if a doubt concerns the string between the fingers. Such grasps are only listed on request."""
+    sigma_m: Rounded | None
+    """Largest sigma of the string between the fingers, metres. Null in models of earlier releases."""
+    end_distance_m: Rounded | None
+    """Distance to the nearest end along the string, metres. Null on a ring."""
+    over_distance_m: Rounded | None
+    """Distance along the string to the nearest crossing where it is the upper strand, metres. Null if there is none."""
+    under_distance_m: Rounded | None
+    """Distance along the string to the nearest crossing where it is the lower strand, metres. Null if there is none."""
+    chains_above: tuple[int, ...]
+    """Chains that lie, or may lie, over this string within 60 mm of the grasp along it. A lift takes them along."""
+    object_above_m: Rounded | None
+    """Height above the grasp of the lowest object that lies over this string within 60 mm of the grasp, metres. A lift
+    of this height touches it. Null if no object is in the way of a lift of 60 mm."""
+    T_base_flange: GraspMotionDocument | None
+    """Poses of the flange that carry out the grasp. Null in models of earlier releases."""
 
     def to_grasp(self) -> Grasp:
         """Return the grasp with arrays."""
-        return Grasp(**self._values(Grasp, T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64)))
+        values = self._values(
+            Grasp,
+            T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64),
+            T_base_flange=None if self.T_base_flange is None else self.T_base_flange.to_motion(),
+        )
+        return Grasp(**values)
+
+
+LATER_GRASP_MEMBERS: dict[str, Any] = {
+    "sigma_m": None,
+    "end_distance_m": None,
+    "over_distance_m": None,
+    "under_distance_m": None,
+    "chains_above": (),
+    "object_above_m": None,
+    "T_base_flange": None,
+}
+"""Members of a grasp that models of earlier releases do not have, besides `id` and `cluster`."""
+
+
+def _complete_grasps(grasps: Any) -> Any:
+    """Give the grasps of an earlier release the members that it did not have: each its index as id and as cluster."""
+    if not isinstance(grasps, list):
+        return grasps
+    return [
+        LATER_GRASP_MEMBERS | {"id": number, "cluster": number} | grasp if isinstance(grasp, dict) else grasp
+        for number, grasp in enumerate(grasps)
+    ]
+
+
+GraspDocuments = Annotated[list[GraspDocument], BeforeValidator(_complete_grasps)]
+"""Grasps of a model, also of one of an earlier release."""
 
 
 class ViewQualityDocument(_Document):
@@ -462,8 +532,8 @@ class ModelDocument(_Document):
     crossings: list[CrossingDocument]
     """All crossings of two strands."""
     topology: TopologyDocument
-    grasps: list[GraspDocument]
-    """Grasps on all chains, the best first."""
+    grasps: GraspDocuments
+    """Grasps on all chains. First comes the best grasp of each cluster, then all others, each part sorted by score."""
     quality: QualityDocument
     timing_s: dict[str, Rounded]
     """Duration of each stage, seconds."""

@@ -7,8 +7,23 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
+class GraspMotion:
+    """Poses of the flange (4, 4) that carry out a grasp, as `T_base_flange`, metres."""
+
+    pregrasp: NDArray[np.float64]
+    """Pose in front of the grasp, back along the approach direction. The gripper opens here."""
+    grasp: NDArray[np.float64]
+    """Pose at which the fingers close."""
+    retreat: NDArray[np.float64]
+    """Pose after the lift, back along the approach direction."""
+
+
+@dataclass(frozen=True, eq=False)
 class Grasp:
-    """A pose in which a parallel gripper can grasp a string."""
+    """A pose in which a parallel gripper can grasp a string.
+
+    Grasps of a model of an earlier release have only some of the fields. The others have their default values.
+    """
 
     chain: int
     """Id of the chain."""
@@ -31,3 +46,22 @@ class Grasp:
     """Quality of the grasp, from 0 to 1 (best)."""
     trusted: bool = True
     """Whether no doubt concerns the part of the string between the fingers."""
+    id: int = 0
+    """Number of the grasp in the model, from 0, in the order of the list."""
+    cluster: int = 0
+    """Number of the cluster of neighbouring grasps on a chain, from 0, in the order of the best grasp of each."""
+    sigma_m: float | None = None
+    """Largest standard deviation of the centre line between the fingers, across the string, metres."""
+    end_distance_m: float | None = None
+    """Distance to the nearest end, along the string, metres. None on a ring."""
+    over_distance_m: float | None = None
+    """Distance to the nearest crossing at which this strand is the upper one, along the string, metres, or None."""
+    under_distance_m: float | None = None
+    """Distance to the nearest crossing at which this strand is the lower one, along the string, metres, or None."""
+    chains_above: tuple[int, ...] = ()
+    """Ids of the chains that are lifted with the string, because they lie over it near the grasp."""
+    object_above_m: float | None = None
+    """Height of the lowest object above the string near the grasp, from the grasp on, metres. None if there is none
+    within the lift."""
+    T_base_flange: GraspMotion | None = None
+    """Poses of the flange that carry out the grasp."""

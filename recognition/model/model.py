@@ -47,7 +47,7 @@ class PointChainModel:
     frame: str = "base"
     """Frame of all coordinates."""
     grasps: tuple[Grasp, ...] = ()
-    """Grasps on all chains, the best first."""
+    """Grasps on all chains, first the best of each cluster, then all others. Each part is sorted by score."""
     provenance: Provenance | None = None
     """Where the model comes from. None if recognition was called as a library."""
 

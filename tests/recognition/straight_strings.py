@@ -5,10 +5,12 @@ import numpy as np
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.local_floor import LocalFloor
+from recognition.grasping.obstacles import gather_obstacles
 from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
 from recognition.model.grasps import Grasp
 from recognition.parameters import ChainParameters
+from recognition.registration.fusion import VOXEL_RADII
 
 R = 0.0042
 PARAMETERS = ChainParameters.for_radius(R)
@@ -44,7 +46,8 @@ def grasps_of(
     floor: LocalFloor = BARE_TABLE,
 ) -> tuple[tuple[Grasp, ...], tuple[Finding, ...]]:
     """Return the grasps, and the findings. Each finding must be the note on a chain without a grasp."""
-    found = find_grasps(chains, crossings, surface, floor, parameters, gripper)
+    obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
+    found = find_grasps(chains, crossings, obstacles, floor, parameters, gripper)
     assert {(note.code, note.severity) for note in found.findings} <= {("no-grasp", "note")}
     without = {one.id for one in chains} - {grasp.chain for grasp in found.grasps}
     assert sorted(note.chains for note in found.findings) == [(number,) for number in sorted(without)]

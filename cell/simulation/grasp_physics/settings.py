@@ -33,7 +33,7 @@ class PhysicsSettings:
     raise_m: float = 0.08
     """Distance of the start from the grasp pose, against the approach direction."""
     lift_m: float = 0.06
-    """Height of the vertical lift."""
+    """Distance of the lift, against the approach direction."""
     descend_s: float = 0.25
     """Duration of the approach."""
     close_s: float = 0.12

@@ -87,7 +87,7 @@ def simulate_grasp(
     error: RobotError = NO_ERROR,
     settings: PhysicsSettings | None = None,
 ) -> GraspOutcome:
-    """Simulate a grasp: approach along z, close, lift vertically and hold. The same arguments give the same result.
+    """Simulate a grasp: approach along z, close, lift back along z and hold. The same arguments give the same result.
 
     Args:
         scene: True scene.
@@ -123,7 +123,7 @@ def simulate_grasp(
     closed_m = grasp.opening_m / 2
     move(settings.descend_s, np.zeros(3), 0.0, touches.note)
     move(settings.close_s, np.zeros(3), closed_m)
-    lifted = np.array([0.0, 0.0, settings.lift_m])
+    lifted = -settings.lift_m * T_base_grasp[:3, 2]
     move(settings.lift_s, lifted, closed_m)
     move(settings.hold_s, lifted, closed_m)
 

@@ -32,7 +32,8 @@ def test_the_tool_centre_point_is_between_the_fingertips() -> None:
     np.testing.assert_allclose(T_base_tcp[:3, 3] - 0.003 * T_base_grasp[:3, 2], T_base_grasp[:3, 3], rtol=0, atol=1e-12)
     back = poses.pregrasp[0, :3, 3] - poses.grasp[0, :3, 3]
     np.testing.assert_allclose(back, -0.06 * T_base_grasp[:3, 2], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.retreat[0, :3, 3] - poses.grasp[0, :3, 3], (0, 0, 0.05), rtol=0, atol=1e-12)
+    lift = poses.retreat[0, :3, 3] - poses.grasp[0, :3, 3]
+    np.testing.assert_allclose(lift, -0.05 * T_base_grasp[:3, 2], rtol=0, atol=1e-12)
 
 
 def test_the_mounting_turns_the_closing_direction() -> None:

@@ -11,7 +11,7 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import ModelError
-from recognition.model.document import ModelDocument
+from recognition.model.document import LATER_GRASP_MEMBERS, ModelDocument
 from recognition.model.findings import finding
 from recognition.model.model import PointChainModel
 from recognition.parameters import ChainParameters
@@ -45,6 +45,16 @@ def test_a_document_gives_the_model_that_wrote_it(model: PointChainModel, docume
     # Views and findings are written to a micrometre.
     assert again.to_json()["quality"] == document["quality"]
     assert again.to_json()["topology"] == document["topology"]
+    assert again.to_json()["grasps"] == document["grasps"]
+
+
+def test_grasps_of_an_earlier_release_are_numbered(document: dict[str, Any]) -> None:
+    for grasp in document["grasps"]:
+        for name in ("id", "cluster", *LATER_GRASP_MEMBERS):
+            del grasp[name]
+    grasps = PointChainModel.from_json(document).grasps
+    assert [(grasp.id, grasp.cluster) for grasp in grasps] == [(k, k) for k in range(len(document["grasps"]))]
+    assert {(grasp.sigma_m, grasp.T_base_flange, grasp.chains_above) for grasp in grasps} == {(None, None, ())}
 
 
 def test_rounded_numbers_are_not_changed_by_reading(document: dict[str, Any]) -> None:

@@ -92,8 +92,9 @@ def test_the_document_has_the_keys_of_the_contract_and_no_others(model: PointCha
     assert set(document["topology"]["p_data"]) == {"elements", "matrix"}
     for entry in document["grasps"]:
         assert set(entry) == {
-            "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m", "score",
-            "trusted",
+            "id", "cluster", "chain", "s_m", "T_base_grasp", "opening_m", "reach_m", "clearance_m", "table_clearance_m",
+            "score", "trusted", "sigma_m", "end_distance_m", "over_distance_m", "under_distance_m", "chains_above",
+            "object_above_m", "T_base_flange",
         }  # fmt: skip
 
 

@@ -150,6 +150,8 @@ def test_the_converted_members_agree_with_the_rules(messages: tuple[tuple[str, .
         assert converted_chain.pop("trusted_m") == written_chain.pop("trusted_m") == []
         np.testing.assert_allclose(converted_chain.pop("length_m"), written_chain.pop("length_m"), atol=5e-6)
         assert converted_chain == written_chain
+    for converted_grasp, written_grasp in zip(converted.pop("grasps"), written.pop("grasps"), strict=True):
+        assert {name: written_grasp[name] for name in converted_grasp} == converted_grasp
     assert converted == written
 
 

@@ -42,6 +42,7 @@ DOCUMENTS: dict[type, str] = {
     client.EndElement: "EndElementDocument",
     client.Finding: "FindingDocument",
     client.Grasp: "GraspDocument",
+    client.GraspMotion: "GraspMotionDocument",
     client.Model: "ModelDocument",
     client.PData: "PDataDocument",
     client.Problem: "Problem",

@@ -117,7 +117,23 @@ class Crossing:
     """Verdict on this crossing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class GraspMotion:
+    """Poses of the flange that carry out a grasp, as `T_base_flange`, (4, 4), metres.
+
+    Move to `pregrasp`, open the gripper, move to `grasp` in a straight line, close, and move to `retreat` in a straight
+    line.
+    """
+
+    pregrasp: Pose
+    """Pose in front of the grasp, back along the approach direction."""
+    grasp: Pose
+    """Pose at the grasp."""
+    retreat: Pose
+    """Pose after the lift, back along the approach direction."""
+
+
+@dataclass(frozen=True)
 class Grasp:
     """A pose in which the configured parallel gripper can grasp a string."""
 
@@ -142,6 +158,26 @@ class Grasp:
     """Quality of the grasp, from 0 to 1 (best)."""
     trusted: bool
     """Whether no doubt concerns the part of the string between the fingers."""
+    id: int = 0
+    """Number of the grasp in the model, from 0. It is the index in the list."""
+    cluster: int = 0
+    """Cluster of neighbouring grasps on a chain. Its first grasp is its best, and the others are within 20 mm of it
+    along the string."""
+    sigma_m: float | None = None
+    """Largest sigma of the string between the fingers, metres. None in models of earlier releases."""
+    end_distance_m: float | None = None
+    """Distance to the nearest end along the string, metres. None on a ring."""
+    over_distance_m: float | None = None
+    """Distance along the string to the nearest crossing where it is the upper strand, metres, or None."""
+    under_distance_m: float | None = None
+    """Distance along the string to the nearest crossing where it is the lower strand, metres, or None."""
+    chains_above: tuple[int, ...] = ()
+    """Chains that lie, or may lie, over this string within 60 mm of the grasp along it. A lift takes them along."""
+    object_above_m: float | None = None
+    """Height above the grasp of the lowest object that lies over this string within 60 mm of the grasp, metres. None if
+    no object is in the way of a lift of 60 mm."""
+    T_base_flange: GraspMotion | None = None
+    """Poses of the flange that carry out the grasp. None in models of earlier releases."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,171 @@
+"""List of grasps to choose from: in clusters along the strings, with what lies near each grasp and how to carry it out.
+
+Grasps in any order go in. The same grasps come out with ids, clusters, distances along the string and flange poses.
+The best grasp of each cluster comes first in the list.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from recognition.grasping.flange_poses import LIFT_M, flange_poses
+from recognition.grasping.gripper import Gripper
+from recognition.grasping.obstacles import ObjectPoints, Obstacles
+from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing
+from recognition.model.grasps import Grasp, GraspMotion
+
+CLUSTER_M = 0.02
+"""Minimum distance along a chain between the best grasps of two clusters, metres."""
+ABOVE_RADII = 0.5
+"""Maximum distance of an object above a string from its centre line, seen from above, in string radii. Walls beside the
+string are not above it."""
+
+
+def list_grasps(
+    grasps: Sequence[Grasp],
+    chains: Sequence[Chain],
+    crossings: Sequence[Crossing],
+    obstacles: Obstacles,
+    gripper: Gripper,
+) -> tuple[Grasp, ...]:
+    """Return the grasps with all their fields, in the order in which a planner may try them.
+
+    First come the representatives, at least `CLUSTER_M` apart on each chain, and then all other grasps. Within both
+    parts, grasps without a doubt come first, and grasps with a higher score before others.
+
+    Args:
+        grasps: Grasps on the chains.
+        chains: Chains of the model.
+        crossings: Crossings of the model.
+        obstacles: Spheres of the objects of the scene.
+        gripper: Gripper, for the flange poses.
+    """
+    if not grasps:
+        return ()
+    described = [
+        grasp
+        for chain in chains
+        if (of_chain := [grasp for grasp in grasps if grasp.chain == chain.id])
+        for grasp in _describe(of_chain, chain, crossings, obstacles.objects, gripper)
+    ]
+    ordered = sorted(described, key=_rank)
+    by_id = {chain.id: ChainInterpolator(chain) for chain in chains}
+    cluster = _clusters(ordered, by_id)
+    poses = flange_poses(
+        np.array([grasp.T_base_grasp for grasp in ordered]), [grasp.reach_m for grasp in ordered], gripper
+    )
+    complete = [
+        replace(
+            grasp,
+            cluster=int(cluster[k]),
+            T_base_flange=GraspMotion(poses.pregrasp[k], poses.grasp[k], poses.retreat[k]),
+        )
+        for k, grasp in enumerate(ordered)
+    ]
+    _, representatives = np.unique(cluster, return_index=True)
+    others = np.setdiff1d(np.arange(len(complete)), representatives)
+    return tuple(replace(complete[k], id=number) for number, k in enumerate([*representatives, *others]))
+
+
+def _rank(grasp: Grasp) -> tuple[bool, float, int, float]:
+    """Return the sort key of a grasp: without a doubt first, the best first."""
+    return (not grasp.trusted, -grasp.score, grasp.chain, grasp.s_m)
+
+
+def _clusters(ordered: Sequence[Grasp], by_id: dict[int, ChainInterpolator]) -> NDArray[np.int64]:
+    """Return the cluster (N,) of each grasp, numbered in the order of their representatives, the best first.
+
+    A grasp joins the best representative within `CLUSTER_M`, or becomes one. So it is the best of its cluster.
+    """
+    representatives: list[Grasp] = []
+    cluster = np.empty(len(ordered), dtype=np.int64)
+    for k, grasp in enumerate(ordered):
+        numbers = [number for number, other in enumerate(representatives) if other.chain == grasp.chain]
+        s = np.array([representatives[number].s_m for number in numbers])
+        near = np.flatnonzero(by_id[grasp.chain].distance(s, grasp.s_m) < CLUSTER_M)
+        cluster[k] = numbers[near[0]] if len(near) else len(representatives)
+        if len(near) == 0:
+            representatives.append(grasp)
+    return cluster
+
+
+def _describe(
+    grasps: Sequence[Grasp], chain: Chain, crossings: Sequence[Crossing], objects: ObjectPoints, gripper: Gripper
+) -> list[Grasp]:
+    """Return grasps on one chain with their sigma, and with what lies near them along the string."""
+    line, length = ChainInterpolator(chain), chain.length_m
+    s = np.array([grasp.s_m for grasp in grasps])
+    half = gripper.finger_width_m / 2
+    sigma = line(s[:, None] + np.linspace(-half, half, 9), chain.sigma_m).max(axis=1)
+    end = np.full(len(s), np.inf) if chain.closed else np.minimum(s, length - s)
+    over = [x.over.s_m for x in crossings if x.over.chain == chain.id]
+    under = [x.under.s_m for x in crossings if x.under.chain == chain.id]
+    to_over, to_under = _nearest(line, s, over), _nearest(line, s, under)
+    passes = _passes_below(chain, crossings)
+    above = [
+        tuple(sorted({number for s_m, number in passes if line.distance(s[k : k + 1], s_m)[0] <= LIFT_M}))
+        for k in range(len(s))
+    ]
+    object_above = _object_above(line, s, objects)
+    return [
+        replace(
+            grasp,
+            sigma_m=float(sigma[k]),
+            end_distance_m=_finite(end[k]),
+            over_distance_m=_finite(to_over[k]),
+            under_distance_m=_finite(to_under[k]),
+            chains_above=above[k],
+            object_above_m=_finite(object_above[k]),
+        )
+        for k, grasp in enumerate(grasps)
+    ]
+
+
+def _nearest(line: ChainInterpolator, s: NDArray[np.float64], passes: Sequence[float]) -> NDArray[np.float64]:
+    """Return the distances (N,) along the chain from `s` (N,) to the nearest of the passes, metres; inf for none."""
+    return np.min([np.full(len(s), np.inf), *(line.distance(s, s_m) for s_m in passes)], axis=0)
+
+
+def _passes_below(chain: Chain, crossings: Sequence[Crossing]) -> list[tuple[float, int]]:
+    """Return where the chain lies, or may lie, under another strand: the arc length, and the id of the other chain."""
+    pairs = [(x.under, x.over) for x in crossings]
+    pairs += [(x.over, x.under) for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
+    return [(below.s_m, above.chain) for below, above in pairs if below.chain == chain.id]
+
+
+def _object_above(line: ChainInterpolator, s: NDArray[np.float64], objects: ObjectPoints) -> NDArray[np.float64]:
+    """Return the heights (N,) of the lowest object above the string near each grasp, from the grasp on; inf for none.
+
+    The lift takes with it the string within `LIFT_M` along it. Objects that are beside the string, or higher than the
+    lift, are not above it.
+    """
+    chain = line.chain
+    found = np.full(len(s), np.inf)
+    if len(objects.points) == 0:
+        return found
+    t, near_m = chain.arc_length_m, ABOVE_RADII * chain.radius_m
+    near = KDTree(chain.points[:, :2]).sparse_distance_matrix(
+        objects.tree_xy, float(objects.extent_m.max()) + near_m, output_type="ndarray"
+    )
+    cells = np.unique(near["j"])
+    if len(cells) == 0:
+        return found
+    points = objects.points[objects.spheres_of(cells)]
+    near = KDTree(chain.points[:, :2]).sparse_distance_matrix(KDTree(points[:, :2]), near_m, output_type="ndarray")
+    k, point = near["i"], near["j"]
+    is_above = points[point, 2] > chain.points[k, 2] + chain.radius_m
+    k, height = k[is_above], points[point[is_above], 2]
+    if len(k) == 0:
+        return found
+    at = line(s, chain.points)[:, 2]
+    rise = height - at[:, None]
+    counts = (line.distance(t[k], s[:, None]) <= LIFT_M) & (rise <= LIFT_M)
+    return np.where(counts, rise, np.inf).min(axis=1)
+
+
+def _finite(value: float) -> float | None:
+    """Return a number, or None for infinity."""
+    return float(value) if np.isfinite(value) else None
