@@ -21,7 +21,9 @@ from service.api.routes import (
     console,
     docs,
     events,
+    grasps,
     health,
+    height_map,
     manual,
     recordings,
     results,
@@ -41,6 +43,7 @@ from service.metrics.registry import Metrics
 from service.metrics.requests import AccessLogMiddleware
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StateMetrics
+from service.processing.reach_finder import ReachFinder
 from service.security.audit.log import SERVICE, AuditLog
 from service.security.auth.roles import CONSOLE_FILES, DOCS_FILES, MANUAL
 from service.security.middleware.install import install_security
@@ -108,7 +111,10 @@ def create_app(config: ServiceConfig) -> FastAPI:
     app.add_middleware(AccessLogMiddleware, metrics=metrics.requests)  # added last, so it is the outermost
     install_problem_handlers(app)
     # Starlette matches routes in this order, so the most frequent ones come first.
-    for resource in (scans, cell, results, views, recordings, calibration, events, session, health, metrics_route):
+    for resource in (
+        *(scans, cell, results, grasps, views, height_map, recordings, calibration, events, session, health),
+        metrics_route,
+    ):
         app.include_router(resource.router)
     for page in (console, docs, manual):
         app.include_router(page.router)
@@ -147,6 +153,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         streams=StreamSlots(config.limits.event_streams, config.limits.event_streams_each),
         response_cache=ResponseCache(store.database),
         fault=fault,
+        reach=ReachFinder(config.cell),
     )
 
 

@@ -64,6 +64,26 @@ class HeightMap:
         x, y = np.meshgrid(self.x_m + rows * self.cell_m, self.y_m + columns * self.cell_m, indexing="ij")
         return np.stack([x, y], axis=-1)
 
+    def peaks(self, min_z_m: float, block_m: float) -> NDArray[np.float64]:
+        """Return the highest point of each square block of cells that rises above a height.
+
+        Args:
+            min_z_m: Height, metres, base frame.
+            block_m: Edge length of the blocks, metres.
+
+        Returns:
+            (K, 3) points at the middle of cells, metres, base frame.
+        """
+        i, j = np.nonzero(np.nan_to_num(self.z_m, nan=-np.inf) > min_z_m)
+        z = self.z_m[i, j].astype(np.float64)
+        order = np.argsort(-z, kind="stable")
+        i, j, z = i[order], j[order], z[order]
+        per_block = max(1, round(block_m / self.cell_m))
+        _, first = np.unique(np.column_stack([i, j]) // per_block, axis=0, return_index=True)
+        cells = np.column_stack([i[first], j[first]]) + 0.5
+        xy = cells * self.cell_m + (self.x_m, self.y_m)
+        return np.column_stack([xy, z[first]]).astype(np.float64)
+
     def floor_beside(self, points: NDArray[np.float64], inner_m: float) -> NDArray[np.float64]:
         """Return the height of what lies on both sides of positions on a string.
 

@@ -13,6 +13,7 @@ from service.config.loader import ServiceConfig
 from service.events.stream_slots import StreamSlots
 from service.jobs.manager import Jobs
 from service.problems.problem_error import ProblemError
+from service.processing.reach_finder import ReachFinder
 from service.states import ID_PATTERN
 from service.storage.disk_space import require_space
 from service.storage.fault_store import FaultStore
@@ -47,6 +48,8 @@ class Context:
     response_cache: ResponseCache
     """The most frequent responses."""
     fault: FaultStore
+    reach: ReachFinder
+    """Reach of grasps by the cell. Used within the limit of `planning`."""
 
     def require_space(self, incoming_bytes: int = 0) -> None:
         """Check that the data folder has space for `incoming_bytes` more. May block.

@@ -9,13 +9,12 @@ import numpy as np
 
 from cell.devices import View
 from cell.recording.header import RecordingHeader
+from service.api.height_colours import colour_heights
 
 MAX_SIZE_PX = 480
 """Largest width and height of the image, which the console shows beside seven others."""
 MIN_CROP_PX = 16
 """Smallest width and height of a crop. A smaller one shows nothing, so the full image is drawn in its place."""
-MIN_HEIGHT_M, MAX_HEIGHT_M = -0.003, 0.027
-"""Heights above the table at the ends of the colour scale. Values outside have the colour of the nearer end."""
 MIN_DEPTH_M = 1e-3
 """Smallest depth that is projected. If a corner of the workspace is nearer or behind, the full image is drawn."""
 
@@ -40,8 +39,7 @@ def draw_depth(view: View, header: RecordingHeader) -> bytes:
     (fx, _, cx), (_, fy, cy), _ = view.K
     T = view.T_base_camera
     height_m = z_m * (T[2, 0] * (u - cx) / fx + T[2, 1] * (v - cy) / fy + T[2, 2]) + T[2, 3] - header.table_z_m
-    share = np.clip((height_m - MIN_HEIGHT_M) / (MAX_HEIGHT_M - MIN_HEIGHT_M), 0.0, 1.0)
-    image = cv2.applyColorMap((share * 255).astype(np.uint8), cv2.COLORMAP_CIVIDIS)
+    image = colour_heights(height_m)
     image[z_m == 0] = 0
     return cv2.imencode(".png", image)[1].tobytes()
 

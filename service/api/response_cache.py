@@ -96,6 +96,6 @@ class ResponseCache:
         self._threads.shutdown(cancel_futures=True)
 
 
-def json_response(document: BaseModel) -> Response:
+def json_response(document: BaseModel, headers: dict[str, str] | None = None) -> Response:
     """Return the document as FastAPI would send it, without validating it a second time."""
-    return Response(document.model_dump_json(), media_type="application/json")
+    return Response(document.model_dump_json(by_alias=True), media_type="application/json", headers=headers)

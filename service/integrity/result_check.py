@@ -8,7 +8,7 @@ from service.integrity.database_check import Rows
 from service.integrity.finding import REPAIR, Finding
 from service.integrity.recording_check import describe_change, hash_file
 from service.states import ACTIVE_STATES, RESULT_STATES
-from service.storage.data_folder import CLOUD, ID, MODEL
+from service.storage.data_folder import CLOUD, HEIGHT_MAP, ID, MODEL
 from service.storage.rows import ScanRow
 
 
@@ -45,12 +45,13 @@ def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
         f"put it back, or {REPAIR}: the rest of the result is moved to lost+found, and the scan becomes failed; then "
         "reprocess it"
     )
-    for name in (MODEL, CLOUD):
+    written_files = scan.files or {}
+    for name in (MODEL, CLOUD, *({HEIGHT_MAP} & written_files.keys())):
         path = folder / name
         if folder.is_symlink() or not path.is_file() or path.is_symlink():
             yield Finding("results", "result-missing", str(path), "the file is missing", advice, True, scan.id)
             return
-        written = (scan.files or {}).get(name)
+        written = written_files.get(name)
         if written is None:
             continue
         try:

@@ -1,10 +1,13 @@
 """The inputs of recognition, as the row of a scan keeps them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
+from pydantic import TypeAdapter
+
+from recognition.grasping.gripper import Gripper
 from service.processing.worker_main import Task
 from service.storage.rows import ViewRow
 
@@ -28,6 +31,18 @@ def recognition_inputs(
         "recording_sha256": recording_sha256,
         "views": None if views is None else [_view(view) for view in views if view.state == "recorded"],
     }
+
+
+def recorded_gripper(inputs: Mapping[str, Any] | None) -> Gripper | None:
+    """Return the gripper of the inputs of a scan; None if they have none, or that of an earlier release.
+
+    Args:
+        inputs: Inputs as `recognition_inputs` returned them.
+    """
+    values = (inputs or {}).get("gripper")
+    if not isinstance(values, dict) or values.keys() != Gripper.__dataclass_fields__.keys():
+        return None
+    return TypeAdapter(Gripper).validate_python(values)
 
 
 def _view(view: ViewRow) -> dict[str, Any]:

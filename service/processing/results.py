@@ -27,9 +27,10 @@ from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from service.clock import format_utc
+from service.processing.height_map_file import StoredHeightMap, to_npz
 from service.processing.preview import draw_preview
 from service.processing.view_outcomes import ViewOutcome, view_outcomes
-from service.storage.data_folder import CLOUD, MODEL
+from service.storage.data_folder import CLOUD, HEIGHT_MAP, MODEL
 
 OnStage = Callable[[str], None]
 """Called with the name of a stage when it begins."""
@@ -256,10 +257,16 @@ def incomplete_findings(missing: Iterable[str]) -> list[Finding]:
 
 
 def write_results(recognition: Recognition, folder: Path) -> Outcome:
-    """Create `folder`, write `model.json` and `cloud.ply` into it, each synced to the disk, and return the outcome."""
+    """Create `folder`, write the files of the result into it, each synced to the disk, and return the outcome.
+
+    The files are `model.json`, `cloud.ply` and, if the views were registered, `height-map.npz`.
+    """
     folder.mkdir()
     model, points = recognition.model, merged_cloud(recognition)
     contents = {MODEL: json.dumps(model.to_json(), allow_nan=False).encode(), CLOUD: to_ply(points)}
+    if recognition.height_map is not None and recognition.height_map.z_m.size and recognition.grasping is not None:
+        floor = recognition.grasping.floor
+        contents[HEIGHT_MAP] = to_npz(StoredHeightMap(recognition.height_map, floor.table_z_m, floor.min_height_m))
     for name, content in contents.items():
         write_synced(folder / name, content)
     return Outcome(

@@ -1,7 +1,7 @@
 """The data folder: paths of its files, and the lock that admits one service.
 
-`pointchain.sqlite3`, `recordings/ID.mcap`, `scans/ID/{model.json, cloud.ply, preview.png}` and `incoming/`,
-where each file is written before it is renamed to its final path.
+`pointchain.sqlite3`, `recordings/ID.mcap`, `scans/ID/{model.json, cloud.ply, height-map.npz, preview.png}` and
+`incoming/`, where each file is written before it is renamed to its final path.
 """
 
 import errno
@@ -16,6 +16,7 @@ from service.states import ID_PATTERN
 DATABASE = "pointchain.sqlite3"
 MODEL = "model.json"
 CLOUD = "cloud.ply"
+HEIGHT_MAP = "height-map.npz"
 PREVIEW = "preview.png"
 ID = re.compile(ID_PATTERN.removeprefix("^").removesuffix("$"))
 

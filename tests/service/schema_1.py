@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from recognition.model.document import LATER_GRASP_MEMBERS
 from service.storage.data_folder import MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
@@ -27,7 +28,8 @@ def as_schema_1(model: dict[str, Any], ambiguities: Sequence[str] = (), warnings
     for item in old["crossings"]:
         del item["trust"]
     for grasp in old["grasps"]:
-        del grasp["trusted"]
+        for name in ("id", "cluster", "trusted", *LATER_GRASP_MEMBERS):
+            del grasp[name]
     for element in old["topology"]["p_data"]["elements"]:
         if element["kind"] == "end":
             element["end"] = _end(element["end"])

@@ -1,7 +1,6 @@
-"""Routes of the results of a scan: model, grasps, cloud, images, recording. All have an ETag."""
+"""Routes of the results of a scan: model, cloud, images, recording. All have an ETag."""
 
 import asyncio
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,10 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse, JSONResponse
 
-from recognition.errors import ModelError
 from recognition.model.document import ChangesDocument, ModelDocument
-from recognition.model.model import PointChainModel
-from recognition.model.schema_1 import SCHEMA_1, convert
 from service.api.dependencies import Context, Id, Scan, Service, find_scan
 from service.api.file_responses import (
     NOT_MODIFIED,
@@ -25,12 +21,11 @@ from service.api.file_responses import (
 )
 from service.api.image_cache import shrink_image
 from service.api.problem_responses import problem_responses
+from service.api.result_files import hash_and_size, read_model, result_path
 from service.api.routes import recordings
 from service.api.schemas.addresses import SCANS
-from service.api.schemas.scans import GraspsDocument
 from service.problems.problem_error import ProblemError
 from service.processing.worker import PREVIEW_TIMEOUT_S
-from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, MODEL, PREVIEW
 from service.storage.rows import ScanRow
 
@@ -77,28 +72,6 @@ async def get_model(
     return await service.response_cache.respond(("model", id, since, if_none_match), read)
 
 
-@router.get("/{id}/grasps", response_model=GraspsDocument, responses=FILE_RESPONSES)
-def get_grasps(scan: Scan, service: Service, response: Response, if_none_match: IfNoneMatch) -> Any:
-    """Return the grasps of the strings by the configured gripper, the best first.
-
-    Those of a model of schema `pointchain/1` are converted to `pointchain/2`.
-    """
-    path = _result_path(scan, service, MODEL)
-    _, of_model = stat_file(path, **_hash_and_size(scan, MODEL))
-    etag = f'{of_model[:-1]}-grasps-2"'  # 2 is the version of the schema, which may differ from that of the model
-    if matches(if_none_match, etag):
-        return not_modified_response(etag)
-    model = json.loads(path.read_bytes())
-    if "grasps" not in model:
-        raise ProblemError(
-            "no-result", f"scan {scan.id} is from an older version and has no grasps: scan again", scan=scan.id
-        )
-    if model["schema"] == SCHEMA_1:
-        model = convert(model)
-    response.headers["ETag"] = etag
-    return {key: model[key] for key in ("schema", "frame", "grasps")}
-
-
 @router.get("/{id}/cloud.ply", response_class=FileResponse, responses=_file(PLY) | FILE_RESPONSES)
 def get_cloud(scan: Scan, service: Service, if_none_match: IfNoneMatch) -> Response:
     """Return the merged cloud as binary PLY, in metres, in the base frame."""
@@ -125,7 +98,7 @@ async def get_thumbnail(id: Id, service: Service, if_none_match: IfNoneMatch) ->
     await _wait_for_preview(id, service)
 
     def stat_preview() -> tuple[Path, int, str]:
-        path = _result_path(find_scan(id, service), service, PREVIEW)
+        path = result_path(find_scan(id, service), service, PREVIEW)
         file_stat, etag = stat_file(path)
         return path, file_stat.st_size, etag
 
@@ -151,33 +124,16 @@ def get_scan_recording(scan: Scan, service: Service, if_none_match: IfNoneMatch)
 
 def _model_since(scan: ScanRow, before: ScanRow, service: Context, if_none_match: str | None) -> Response:
     """Return the model of a scan with its changes since another scan, or 304."""
-    paths = [_result_path(row, service, MODEL) for row in (scan, before)]
+    paths = [result_path(row, service, MODEL) for row in (scan, before)]
     tags = [
-        stat_file(path, **_hash_and_size(row, MODEL))[1][1:-1] for path, row in zip(paths, (scan, before), strict=True)
+        stat_file(path, **hash_and_size(row, MODEL))[1][1:-1] for path, row in zip(paths, (scan, before), strict=True)
     ]
     etag = f'"{tags[0]}-since-{tags[1]}"'
     if matches(if_none_match, etag):
         return not_modified_response(etag)
-    (document, model), (_, earlier) = (_read_model(path, row) for path, row in zip(paths, (scan, before), strict=True))
+    (document, model), (_, earlier) = (read_model(path, row) for path, row in zip(paths, (scan, before), strict=True))
     changes = ChangesDocument.of(model.since(earlier), before.id).model_dump(mode="json")
     return JSONResponse(document | {"since": changes}, headers={"etag": etag})
-
-
-def _read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainModel]:
-    """Return the document of a model, and the model.
-
-    Raises:
-        ProblemError: `damaged`: The file is not a model.
-    """
-    try:
-        document = json.loads(path.read_bytes())
-        return document, PointChainModel.from_json(document)
-    except (ModelError, ValueError, OSError) as error:
-        raise ProblemError(
-            "damaged",
-            f"{path.name} of scan {scan.id} cannot be read ({error}): run `pointchain doctor`",
-            file=path.name,
-        ) from error
 
 
 async def _wait_for_preview(scan_id: str, service: Context) -> None:
@@ -190,27 +146,5 @@ async def _wait_for_preview(scan_id: str, service: Context) -> None:
 def _send(
     scan: ScanRow, service: Context, name: str, media_type: str, if_none_match: str | None, save_as: str | None = None
 ) -> Response:
-    path = _result_path(scan, service, name)
-    return send_file(path, media_type, if_none_match, save_as=save_as, **_hash_and_size(scan, name))
-
-
-def _result_path(scan: ScanRow, service: Context, name: str) -> Path:
-    """Return the path of a result.
-
-    Raises:
-        ProblemError: `result-not-ready`: The scan has not ended. `no-result`: The scan has no result.
-    """
-    if scan.state in ACTIVE_STATES:
-        raise ProblemError(
-            "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end", scan=scan.id, state=scan.state
-        )
-    if scan.state not in RESULT_STATES:
-        raise ProblemError(
-            "no-result", f"scan {scan.id} is {scan.state}: it has no result", scan=scan.id, state=scan.state
-        )
-    return service.store.folder.results(scan.id) / name
-
-
-def _hash_and_size(scan: ScanRow, name: str) -> dict[str, Any]:
-    """Return hash and size of a result, or nothing for the preview and for results of an earlier version."""
-    return (scan.files or {}).get(name, {})
+    path = result_path(scan, service, name)
+    return send_file(path, media_type, if_none_match, save_as=save_as, **hash_and_size(scan, name))

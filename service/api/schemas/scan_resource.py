@@ -15,6 +15,7 @@ from service.api.schemas.scans import (
     ViewProgress,
 )
 from service.states import ACTIVE_STATES, RESULT_STATES
+from service.storage.data_folder import HEIGHT_MAP
 from service.storage.rows import ScanRow, ViewRow
 
 
@@ -89,6 +90,7 @@ def _links(row: ScanRow, own: str) -> ScanLinks:
         model=f"{own}/model" if done else None,
         grasps=f"{own}/grasps" if done else None,
         cloud=f"{own}/cloud.ply" if done else None,
+        height_map=f"{own}/height-map" if done and HEIGHT_MAP in (row.files or {}) else None,
         preview=f"{own}/preview.png" if done else None,
         thumbnail=f"{own}/thumbnail.png" if done else None,
         views=f"{own}/views" if row.recording or row.mode == "live" else None,

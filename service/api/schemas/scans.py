@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
-from recognition.model.document import FindingDocument, GraspDocument
+from recognition.model.document import FindingDocument
 from recognition.model.model import Method
 from recognition.model.trust import Verdict
 from recognition.parameters import R_MAX, R_MIN
@@ -207,6 +207,8 @@ class ScanLinks(ApiModel):
     model: str | None
     grasps: str | None
     cloud: str | None
+    height_map: str | None
+    """Null also without a string in view, and for results of earlier releases."""
     preview: str | None
     thumbnail: str | None
     views: str | None
@@ -254,14 +256,3 @@ class ScanList(ApiModel):
     scans: list[ScanResource]
     next: str | None
     """Address of the next page, with the same filters. Null on the last page."""
-
-
-class GraspsDocument(ApiModel):
-    """The grasps of a model, without the rest of the model."""
-
-    model_config = ConfigDict(extra="allow")
-
-    schema_: Literal["pointchain/2"] = Field(alias="schema")
-    frame: Literal["base"]
-    grasps: list[GraspDocument]
-    """The best first."""

@@ -49,6 +49,8 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /api/scans/{id}/events": "viewer",
     "GET /api/scans/{id}/model": "viewer",
     "GET /api/scans/{id}/grasps": "viewer",
+    "GET /api/scans/{id}/height-map": "viewer",
+    "GET /api/scans/{id}/height-map.png": "viewer",
     "GET /api/scans/{id}/cloud.ply": "viewer",
     "GET /api/scans/{id}/preview.png": "viewer",
     "GET /api/scans/{id}/thumbnail.png": "viewer",

@@ -142,6 +142,8 @@ class ScanLinks:
     """The grasps of its model."""
     cloud: str | None
     """Its point cloud, a PLY file."""
+    height_map: str | None
+    """Height of the table and of all that lies on it. None without a string in view, or for earlier releases."""
     preview: str | None
     """A picture of its model."""
     thumbnail: str | None

@@ -8,9 +8,10 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.model.document import LATER_GRASP_MEMBERS
 from service.api.file_responses import matches
 from service.api.response_cache import MAX_AGE_S
-from service.api.schemas.scans import GraspsDocument
+from service.api.schemas.grasps import GraspsDocument
 from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
@@ -20,7 +21,7 @@ AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
-@pytest.mark.parametrize("name", ["model", "grasps", "cloud", "preview", "thumbnail", "recording"])
+@pytest.mark.parametrize("name", ["model", "grasps", "cloud", "height_map", "preview", "thumbnail", "recording"])
 def test_a_client_with_the_current_version_gets_304(client: ServedClient, scan: dict[str, Any], name: str) -> None:
     address = scan["links"][name]
     first = client.get(address)
@@ -73,7 +74,10 @@ def test_grasps_of_a_model_of_schema_1_are_converted(client: ServedClient, recor
     document = answer.json()
     assert (document["schema"], document["frame"]) == ("pointchain/2", "base")
     assert len(document["grasps"]) > 50
-    assert document["grasps"] == [grasp | {"trusted": False} for grasp in old["grasps"]]
+    members = LATER_GRASP_MEMBERS | {"chains_above": [], "trusted": False, "reach": None}
+    assert document["grasps"] == [
+        grasp | members | {"id": number, "cluster": number} for number, grasp in enumerate(old["grasps"])
+    ]
     again = client.get(done["links"]["grasps"], headers={"If-None-Match": answer.headers["ETag"]})
     assert again.status_code == 304
 

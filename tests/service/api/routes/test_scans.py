@@ -19,7 +19,7 @@ from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from recognition.model.document import ModelDocument
-from service.api.schemas.scans import GraspsDocument
+from service.api.schemas.grasps import GraspsDocument
 from tests.service.conftest import ServedClient, wait_until
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
@@ -62,7 +62,7 @@ def test_a_recording_becomes_a_model(client: httpx2.Client, recording: str, fini
     assert len(model.json()["chains"]) == scan["summary"]["chains"]
     grasps = client.get(links["grasps"])
     GraspsDocument.model_validate_json(grasps.content)
-    assert grasps.json() == {key: model.json()[key] for key in ("schema", "frame", "grasps")}
+    assert grasps.json()["grasps"] == [grasp | {"reach": None} for grasp in model.json()["grasps"]]
     assert client.get(links["cloud"]).content.startswith(b"ply\n")
     assert client.get(links["preview"]).content.startswith(b"\x89PNG")
     assert client.get(links["recording"]).content == client.get(f"/api/recordings/{recording}/file").content
@@ -112,7 +112,9 @@ def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable
     return target
 
 
-def test_a_scan_without_a_string_has_a_note(client: httpx2.Client, finished: Finished, tmp_path: Path) -> None:
+def test_a_scan_without_a_string_has_a_note(
+    client: httpx2.Client, finished: Finished, assert_problem: AssertProblem, tmp_path: Path
+) -> None:
     K = np.array([[100.0, 0, 32], [0, 100, 20], [0, 0, 1]])
     T_base_flange = from_rotation_vector((0.0, 0.0, 0.3), (math.pi, 0.0, 0.0))
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
@@ -129,6 +131,10 @@ def test_a_scan_without_a_string_has_a_note(client: httpx2.Client, finished: Fin
     assert scan["summary"]["note_count"] >= 1
     assert client.get(scan["links"]["model"]).json()["chains"] == []
     assert client.get(scan["links"]["grasps"]).json()["grasps"] == []
+    assert scan["links"]["height_map"] is None
+    for ending in ("", ".png"):
+        detail = assert_problem(client.get(scan["links"]["self"] + "/height-map" + ending), 404, "no-result")
+        assert "no string was in view" in detail
     assert client.get(scan["links"]["preview"]).content.startswith(b"\x89PNG")
 
 

@@ -1,0 +1,53 @@
+"""Files of the result of a scan, for the routes that send them or answer from them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from recognition.errors import ModelError
+from recognition.model.model import PointChainModel
+from service.api.dependencies import Context
+from service.problems.problem_error import ProblemError
+from service.states import ACTIVE_STATES, RESULT_STATES
+from service.storage.rows import ScanRow
+
+
+def result_path(scan: ScanRow, service: Context, name: str) -> Path:
+    """Return the path of a result.
+
+    Raises:
+        ProblemError: `result-not-ready`: The scan has not ended. `no-result`: The scan has no result.
+    """
+    if scan.state in ACTIVE_STATES:
+        raise ProblemError(
+            "result-not-ready", f"scan {scan.id} is {scan.state}; wait for its end", scan=scan.id, state=scan.state
+        )
+    if scan.state not in RESULT_STATES:
+        raise ProblemError(
+            "no-result", f"scan {scan.id} is {scan.state}: it has no result", scan=scan.id, state=scan.state
+        )
+    return service.store.folder.results(scan.id) / name
+
+
+def hash_and_size(scan: ScanRow, name: str) -> dict[str, Any]:
+    """Return hash and size of a result, or nothing for the preview and for results of an earlier version."""
+    return (scan.files or {}).get(name, {})
+
+
+def read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainModel]:
+    """Return the document of a model, and the model.
+
+    Raises:
+        ProblemError: `damaged`: The file is not a model.
+    """
+    try:
+        document = json.loads(path.read_bytes())
+        return document, PointChainModel.from_json(document)
+    except (ModelError, ValueError, OSError) as error:
+        raise damaged(path, scan, error) from error
+
+
+def damaged(path: Path, scan: ScanRow, error: Exception) -> ProblemError:
+    """Return the problem of a file of a result that cannot be used."""
+    message = f"{path.name} of scan {scan.id} cannot be read ({error}): run `pointchain doctor`"
+    return ProblemError("damaged", message, file=path.name)

@@ -1,0 +1,244 @@
+"""Route of the grasps of a scan: a list to choose from, with the reach of the arm."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from anyio import to_thread
+from fastapi import APIRouter, Query, Response
+from fastapi.exceptions import RequestValidationError
+from pydantic import TypeAdapter, ValidationError
+
+from calibration.storage.hand_eye_file import HandEye
+from recognition.grasping.flange_poses import T_flange_tcp
+from recognition.grasping.gripper import Gripper
+from recognition.model.document import GraspDocument, GraspDocuments
+from recognition.model.schema_1 import SCHEMA_1, convert
+from service.api.dependencies import Context, Id, Service, find_scan
+from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, matches, not_modified_response, stat_file
+from service.api.problem_responses import problem_responses
+from service.api.response_cache import json_response
+from service.api.result_files import damaged, hash_and_size, result_path
+from service.api.routes.height_map import read_height_map
+from service.api.schemas.addresses import SCANS
+from service.api.schemas.calibration_resources import usable_hand_eye
+from service.api.schemas.grasps import GraspsDocument, ListedGrasp
+from service.jobs.inputs import recorded_gripper
+from service.problems.problem_error import ProblemError
+from service.storage.data_folder import HEIGHT_MAP, MODEL
+from service.storage.rows import ScanRow
+
+router = APIRouter(prefix=SCANS, tags=["scans"])
+
+_RESPONSES: dict[int | str, dict[str, Any]] = (
+    {200: {"model": GraspsDocument, "content": {"application/json": {}}}}
+    | NOT_MODIFIED
+    | problem_responses(
+        "scan-not-found", "no-result", "result-not-ready", "invalid-request", "calibration", "viewpoints-unreachable"
+    )
+)
+_GRASPS = TypeAdapter(GraspDocuments)
+
+Chain = Annotated[int | None, Query(ge=0, description="Id of a chain; only its grasps are listed")]
+MinS = Annotated[float | None, Query(ge=0, description="Arc length along the chain, metres; grasps from here on")]
+MaxS = Annotated[
+    float | None,
+    Query(ge=0, description="Arc length along the chain, metres; grasps up to here. On a ring it may be below min_s_m"),
+]
+MinClearance = Annotated[
+    float | None, Query(ge=0, description="Minimum clearance_m, metres. All clearances above 0.03 are given as 0.03")
+]
+Count = Annotated[int | None, Query(ge=1, le=10_000, description="Maximum number of grasps, the first of the list")]
+Reachable = Annotated[
+    bool | None, Query(description="Only grasps that the arm can, or cannot, carry out. Implies `reach`")
+]
+Reach = Annotated[
+    bool | None,
+    Query(
+        description="Whether the reach is determined, by the configured cell. Default: for live scans with the "
+        "calibration that is active"
+    ),
+]
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """What a request asks for."""
+
+    chain: int | None
+    min_s_m: float | None
+    max_s_m: float | None
+    min_clearance_m: float | None
+    count: int | None
+    reachable: bool | None
+
+    def select(self, grasps: Sequence[GraspDocument]) -> list[GraspDocument]:
+        """Return the grasps of the list that meet all conditions but reach and count."""
+        return [grasp for grasp in grasps if self._has(grasp)]
+
+    def _has(self, grasp: GraspDocument) -> bool:
+        if self.chain is not None and grasp.chain != self.chain:
+            return False
+        if self.min_clearance_m is not None and grasp.clearance_m < self.min_clearance_m:
+            return False
+        from_here = self.min_s_m is None or grasp.s_m >= self.min_s_m
+        to_here = self.max_s_m is None or grasp.s_m <= self.max_s_m
+        if self.min_s_m is not None and self.max_s_m is not None and self.min_s_m > self.max_s_m:
+            return from_here or to_here  # across the first point of a ring
+        return from_here and to_here
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """The selected grasps of a scan, without their reach."""
+
+    scan: ScanRow
+    total: int
+    grasps: Sequence[GraspDocument]
+    gripper: Gripper
+    etag: str
+
+
+@router.get("/{id}/grasps", response_model=GraspsDocument, responses=_RESPONSES)
+async def get_grasps(
+    id: Id,  # noqa: A002 (the path's own name)
+    service: Service,
+    if_none_match: IfNoneMatch,
+    chain: Chain = None,
+    min_s_m: MinS = None,
+    max_s_m: MaxS = None,
+    min_clearance_m: MinClearance = None,
+    count: Count = None,
+    reachable: Reachable = None,
+    reach: Reach = None,
+) -> Response:
+    """Return the grasps of the strings by the configured gripper, the best of each cluster first.
+
+    With reach, the answer says for each grasp whether the arm of the configured cell can carry it out from its home
+    posture, with the joint angles, or why not. A recording must then be of this cell. The first 20 grasps take about
+    0.1 s, and all grasps of a scene up to a second. Filters keep the ids and the order.
+
+    Those of a model of schema `pointchain/1` are converted to `pointchain/2`.
+    """
+    choice = _Choice(chain, min_s_m, max_s_m, min_clearance_m, count, reachable)
+
+    def find() -> tuple[_Selection | Response, HandEye | None]:
+        scan = find_scan(id, service)
+        path = result_path(scan, service, MODEL)
+        hand_eye = _hand_eye(scan, service, reach, reachable)
+        _, of_model = stat_file(path, **hash_and_size(scan, MODEL))
+        etag = f'{of_model[:-1]}-grasps-3"'  # 3 is the version of this answer, which differs from that of the model
+        if hand_eye is None and matches(if_none_match, etag):
+            return not_modified_response(etag), None
+        return _select(scan, service, choice, etag), hand_eye
+
+    selection, hand_eye = await to_thread.run_sync(find)
+    if isinstance(selection, Response):
+        return selection
+    if hand_eye is None:
+        return json_response(_without_reach(selection, choice), headers={"ETag": selection.etag})
+
+    def determine() -> Response:
+        return json_response(_with_reach(selection, choice, service, hand_eye), headers={"Cache-Control": "no-cache"})
+
+    return await to_thread.run_sync(determine, limiter=service.planning)
+
+
+def _hand_eye(scan: ScanRow, service: Context, reach: bool | None, reachable: bool | None) -> HandEye | None:
+    """Return the calibration with which the reach is determined, or None if it is not.
+
+    Raises:
+        RequestValidationError: `reachable` is given, and `reach` is false.
+        CalibrationError: The request asks for the reach, and there is no usable calibration.
+    """
+    if reach is False and reachable is not None:
+        raise _invalid("reach", "the reach is needed for `reachable`: leave one of them out")
+    if reach or reachable is not None:
+        return service.cell.hand_eye()
+    if reach is None and scan.mode == "live" and scan.calibration_sha256 is not None:
+        hand_eye = usable_hand_eye(service.cell)
+        return hand_eye if hand_eye is not None and hand_eye.sha256 == scan.calibration_sha256 else None
+    return None
+
+
+def _select(scan: ScanRow, service: Context, choice: _Choice, etag: str) -> _Selection:
+    """Return the grasps that meet the conditions of the request, apart from reach and count.
+
+    Raises:
+        ProblemError: `damaged`: The file is not a model. `no-result`: The model is too old and has no grasps.
+        RequestValidationError: The conditions do not fit the chains of the model.
+    """
+    path = result_path(scan, service, MODEL)
+    try:
+        model = json.loads(path.read_bytes())
+        if "grasps" not in model:
+            raise ProblemError(
+                "no-result", f"scan {scan.id} is from an older version and has no grasps: scan again", scan=scan.id
+            )
+        if model["schema"] == SCHEMA_1:
+            model = convert(model)
+        grasps = _GRASPS.validate_python(model["grasps"])
+        closed = {chain["id"]: chain["closed"] for chain in model["chains"]}
+    except (ValidationError, ValueError, KeyError, TypeError, OSError) as error:
+        raise damaged(path, scan, error) from error
+    _check(choice, closed)
+    gripper = recorded_gripper(scan.inputs) or service.config.cell.gripper.to_gripper()
+    return _Selection(scan, len(grasps), choice.select(grasps), gripper, etag)
+
+
+def _check(choice: _Choice, closed: dict[int, bool]) -> None:
+    """Check the conditions against the chains of a model, given whether each is closed, by its id.
+
+    Raises:
+        RequestValidationError: The chain does not exist, or the range of arc lengths is not one of a chain.
+    """
+    if choice.chain is not None and choice.chain not in closed:
+        raise _invalid("chain", f"the model has no chain {choice.chain}; its chains are {sorted(closed)}")
+    low, high = choice.min_s_m, choice.max_s_m
+    if (low is not None or high is not None) and choice.chain is None:
+        name = "min_s_m" if low is not None else "max_s_m"
+        raise _invalid(name, "an arc length belongs to a chain: give `chain`, too")
+    if low is not None and high is not None and low > high and not closed[choice.chain or 0]:
+        raise _invalid("max_s_m", f"{high:g} is less than min_s_m, {low:g}, and chain {choice.chain} is not a ring")
+
+
+def _without_reach(selection: _Selection, choice: _Choice) -> GraspsDocument:
+    documents = selection.grasps[: choice.count]
+    grasps = [ListedGrasp.of(document, document.to_grasp(), None, selection.gripper) for document in documents]
+    return _document(selection, grasps, None)
+
+
+def _with_reach(selection: _Selection, choice: _Choice, service: Context, hand_eye: HandEye) -> GraspsDocument:
+    """Return the grasps with their reach. Only as many are checked as the answer needs."""
+    scan, gripper, finder = selection.scan, selection.gripper, service.reach
+    heights = None
+    if HEIGHT_MAP in (scan.files or {}):
+        stored = read_height_map(scan, service)
+        heights = stored.heights, stored.table_z_m
+    documents = {document.id: document for document in selection.grasps}
+    grasps = []
+    candidates = [document.to_grasp() for document in selection.grasps]
+    if choice.reachable is None:
+        candidates = candidates[: choice.count]
+    for grasp, reach in finder.find(scan.id, candidates, gripper, hand_eye, heights):
+        if choice.reachable is None or reach.reachable == choice.reachable:
+            grasps.append(ListedGrasp.of(documents[grasp.id], grasp, reach, gripper))
+        if len(grasps) == choice.count:
+            break
+    return _document(selection, grasps, tuple(finder.home_q_rad(hand_eye).round(9).tolist()))
+
+
+def _document(selection: _Selection, grasps: list[ListedGrasp], q_home_rad: Any) -> GraspsDocument:
+    return GraspsDocument(
+        schema="pointchain/2",
+        frame="base",
+        total=selection.total,
+        T_flange_tcp=T_flange_tcp(selection.gripper).round(9).tolist(),
+        q_home_rad=q_home_rad,
+        grasps=grasps,
+    )
+
+
+def _invalid(name: str, message: str) -> RequestValidationError:
+    return RequestValidationError([{"loc": ("query", name), "msg": message}])
