@@ -56,12 +56,12 @@ def approach_distance_m(gripper: Gripper) -> float:
 
     The planner keeps the palm clear of everything on its whole approach. So nothing beside the string is higher above
     the fingertips of the grasp than the depth of the fingers, and one finger depth farther back the fingertips are
-    above all of it.
+    above all of it. It is not less than the lift, so that a checked descent covers the retreat, too.
 
     Args:
         gripper: Gripper with the depth of its fingers.
     """
-    return gripper.finger_depth_m + APPROACH_MARGIN_M
+    return max(gripper.finger_depth_m + APPROACH_MARGIN_M, LIFT_M)
 
 
 def flange_poses(

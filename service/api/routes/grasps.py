@@ -234,7 +234,7 @@ def _document(selection: _Selection, grasps: list[ListedGrasp], q_home_rad: Any)
         schema="pointchain/2",
         frame="base",
         total=selection.total,
-        T_flange_tcp=T_flange_tcp(selection.gripper).round(9).tolist(),
+        T_flange_tcp=(T_flange_tcp(selection.gripper).round(9) + 0.0).tolist(),
         q_home_rad=q_home_rad,
         grasps=grasps,
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
-from recognition.grasping.flange_poses import T_flange_tcp, approach_distance_m, flange_poses
+from recognition.grasping.flange_poses import LIFT_M, T_flange_tcp, approach_distance_m, flange_poses
 from recognition.grasping.gripper import Gripper
 
 GRIPPER = Gripper(length_m=0.15, finger_depth_m=0.04)
@@ -16,7 +16,7 @@ def test_an_upright_grasp_has_the_flange_above_it() -> None:
     poses = flange_poses(DOWN[None], [0.003], GRIPPER)
     # the fingertips are at 0.005 - 0.003, and the flange 0.15 above them
     np.testing.assert_allclose(poses.grasp[0, :3, 3], (0.4, 0.1, 0.152), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.pregrasp[0, :3, 3], (0.4, 0.1, 0.202), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.pregrasp[0, :3, 3], (0.4, 0.1, 0.212), rtol=0, atol=1e-12)
     np.testing.assert_allclose(poses.retreat[0, :3, 3], (0.4, 0.1, 0.212), rtol=0, atol=1e-12)
     for T in (poses.grasp, poses.pregrasp, poses.retreat):
         np.testing.assert_allclose(T[0, :3, :3], DOWN[:3, :3], rtol=0, atol=1e-12)
@@ -53,4 +53,6 @@ def test_the_turned_grasp_swaps_the_fingers() -> None:
 
 def test_the_pregrasp_is_above_all_that_fits_under_the_palm() -> None:
     # a string beside the grasp may be as high as the palm, one finger depth above the fingertips
-    assert approach_distance_m(GRIPPER) == pytest.approx(0.05)
+    assert approach_distance_m(Gripper(length_m=0.15, finger_depth_m=0.07)) == pytest.approx(0.08)
+    # short fingers go back at least as far as the lift
+    assert approach_distance_m(GRIPPER) == pytest.approx(LIFT_M)

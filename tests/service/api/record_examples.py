@@ -204,7 +204,7 @@ def shorten(value: Any) -> Any:
             return [shorten(member) for member in value[:1]]
         case list() if len(value) > MAX_NUMBERS:
             last = len(value) - 1
-            return [value[round(index * last / (KEPT_NUMBERS - 1))] for index in range(KEPT_NUMBERS)]
+            return [shorten(value[round(index * last / (KEPT_NUMBERS - 1))]) for index in range(KEPT_NUMBERS)]
         case list():
             return [shorten(member) for member in value]
     return value
@@ -276,7 +276,9 @@ def record_results(recorder: Recorder, scan: dict[str, Any]) -> None:
     links = scan["links"]
     recorder.record("succeeded", "A succeeded scan", "GET", links["self"])
     recorder.record("figure-eight", "One string that crosses itself", "GET", links["model"])
-    recorder.record("figure-eight", "Grasps on one string, the best first", "GET", links["grasps"])
+    recorder.record("figure-eight", "Grasps on one string, with their reach", "GET", links["grasps"])
+    recorder.record_refusal("GET", links["grasps"] + "?chain=7")
+    recorder.record("figure-eight", "A table with one string", "GET", links["height_map"])
     recorder.record("live", "Views of a scan by the arm", "GET", links["views"])
     recorder.record("page", "The newest scan, and the address of the next page", "GET", "/api/scans?limit=1")
 
