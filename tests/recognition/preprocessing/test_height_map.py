@@ -114,3 +114,14 @@ def test_the_floor_beside_a_string_is_the_lower_side() -> None:
     positions = np.array([[0.05, 0.1], [0.1, 0.1], [0.15, 0.1], [0.5, 0.5]])
     np.testing.assert_allclose(heights.floor_beside(positions, 0.006), [0.0, 0.0, 0.004, np.nan], rtol=0, atol=1e-9)
     assert np.isnan(merge_layers([], {}).floor_beside(positions, 0.006)).all()
+
+
+def test_peaks_are_the_highest_points_of_blocks() -> None:
+    z = np.full((20, 20), 0.3, dtype=np.float32)
+    z[3, 4], z[4, 4], z[12, 7], z[0, 0] = 0.35, 0.36, 0.34, np.nan
+    z[15, 15] = 0.31
+    peaks = HeightMap(0.1, -0.2, CELL_M, z).peaks(0.32, 5 * CELL_M)
+    # two high cells are in one block of 5 x 5 cells, and one is lower than the limit
+    expected = [[0.1 + 4.5 * CELL_M, -0.2 + 4.5 * CELL_M, 0.36], [0.1 + 12.5 * CELL_M, -0.2 + 7.5 * CELL_M, 0.34]]
+    np.testing.assert_allclose(peaks, expected, rtol=0, atol=1e-7)
+    assert HeightMap(0.1, -0.2, CELL_M, z).peaks(0.4, 0.01).shape == (0, 3)

@@ -165,6 +165,19 @@ def test_a_damaged_result_is_moved_to_lost_and_found_and_its_scan_fails(data: Da
     assert (state, json.loads(str(failure))["slug"]) == ("failed", "damaged")
 
 
+def test_a_height_map_is_checked_if_the_result_has_one(data: Data) -> None:
+    path = data.root / "scans" / REPLAY / "height-map.npz"
+    assert data.codes() == set()  # a scan without a string has none
+    files = json.loads(str(data.row("SELECT files FROM scans WHERE id = ?", REPLAY)[0]))
+    files["height-map.npz"] = {"sha256": hashlib.sha256(b"map").hexdigest(), "size_bytes": 3}
+    data.change("UPDATE scans SET files = ? WHERE id = ?", json.dumps(files), REPLAY)
+    assert data.codes() == {"result-missing"}
+    path.write_bytes(b"mop")
+    assert data.codes() == {"result-changed"}
+    path.write_bytes(b"map")
+    assert data.codes() == set()
+
+
 def test_a_result_of_an_older_version_has_no_hashes(data: Data) -> None:
     data.change("UPDATE scans SET files = NULL")
     flip_byte(data.root / "scans" / REPLAY / "cloud.ply", 1)
