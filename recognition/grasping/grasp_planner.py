@@ -263,7 +263,9 @@ def _clearance_from_strings(
         min_string_distance_m: Minimum distance of the gripper from the gripped string during the approach, metres.
     """
     clearance, touches = np.full(len(s), MAX_RELEVANT_DISTANCE_M), np.zeros(len(s), dtype=bool)
-    pose, sphere = _near_pairs(T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), gripper)
+    pose, sphere = _near_pairs(
+        T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), opening, reach, gripper
+    )
     offset, local = _offsets(T, pose, obstacles.points[sphere])
     same_chain = obstacles.chain[sphere] == chain.id
     along = ChainInterpolator(chain).distance(obstacles.s_m[sphere], s[pose])
@@ -292,7 +294,7 @@ def _clearance_from_objects(
     if len(objects.points) == 0:
         return clearance
     max_extent = float(objects.extent_m.max()) + objects.radius_m
-    pose, cell = _near_pairs(T, objects.centre, objects.tree_xy, max_extent, gripper)
+    pose, cell = _near_pairs(T, objects.centre, objects.tree_xy, max_extent, opening, reach, gripper)
     _, local = _offsets(T, pose, objects.centre[cell])
     to_centre = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
     np.minimum.at(clearance, pose, to_centre + objects.extent_m[cell])
@@ -325,7 +327,7 @@ def _clearance_from_edges(
     edges = edges[edges[:, 2] > tip_z.min(initial=np.inf)]
     if len(edges) == 0:
         return clearance
-    pose, edge = _near_pairs(T, edges, KDTree(edges[:, :2]), cell_radius_m, gripper)
+    pose, edge = _near_pairs(T, edges, KDTree(edges[:, :2]), cell_radius_m, opening, reach, gripper)
     higher = edges[edge, 2] > tip_z[pose]
     pose, edge = pose[higher], edge[higher]
     _, local = _offsets(T, pose, edges[edge])
@@ -336,7 +338,13 @@ def _clearance_from_edges(
 
 
 def _near_pairs(
-    T: NDArray[np.float64], points: NDArray[np.float64], tree_xy: KDTree, extent_m: float, gripper: Gripper
+    T: NDArray[np.float64],
+    points: NDArray[np.float64],
+    tree_xy: KDTree,
+    extent_m: float,
+    opening: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    gripper: Gripper,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return pairs of a grasp and an obstacle that may be closer than `MAX_RELEVANT_DISTANCE_M`.
 
@@ -345,6 +353,8 @@ def _near_pairs(
         points: (P, 3) obstacle points, metres, base frame.
         tree_xy: Search tree of the obstacle points in the table plane.
         extent_m: Maximum distance from an obstacle point to the surface of its obstacle, metres.
+        opening: (N,) openings between the fingers, metres.
+        reach: (N,) distances of the fingertips beyond the centre line, metres.
         gripper: Dimensions of the gripper.
 
     Returns:
@@ -356,7 +366,15 @@ def _near_pairs(
     height_range = float(np.ptp(np.append(points[:, 2], T[:, 2, 3])))
     radius += height_range * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
     near = KDTree(T[:, :2, 3]).sparse_distance_matrix(tree_xy, radius, output_type="ndarray")
-    return near["i"], near["j"]
+    i, j = near["i"], near["j"]
+    if T[:, 2, 2].max() > -1.0:
+        return i, j
+    # An upright palm is far above most obstacles, and only the fingers are near them.
+    beside = MAX_RELEVANT_DISTANCE_M + extent_m
+    of_fingers = np.hypot(opening / 2 + gripper.finger_thickness_m, gripper.finger_width_m / 2) + beside
+    lowest = T[:, 2, 3] + gripper.finger_depth_m - reach - beside
+    counts = (near["v"] <= of_fingers[i]) | (points[j, 2] >= lowest[i])
+    return i[counts], j[counts]
 
 
 def _offsets(
@@ -367,7 +385,11 @@ def _offsets(
     The first array (K, 3) is in the base frame, the second array (K, 3) in the grasp frames.
     """
     offset = points - T[pose, :3, 3]
-    return offset, np.einsum("ni,nij->nj", offset, T[pose, :3, :3])
+    x, y, z = offset.T
+    R = T[:, :3, :3]
+    # by components, which is three times as fast as one product of matrices for each pair
+    local = [x * R[pose, 0, j] + y * R[pose, 1, j] + z * R[pose, 2, j] for j in range(3)]
+    return offset, np.column_stack(local)
 
 
 def _grasp_frames(point: NDArray[np.float64], direction: NDArray[np.float64], tilt: float) -> NDArray[np.float64]:

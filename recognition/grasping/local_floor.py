@@ -142,11 +142,12 @@ def _near_strings(height_map: HeightMap, chains: Sequence[Chain]) -> NDArray[np.
         points = points_at(line, resampled_lengths(line, cell_m / 2))[:, :2] - origin
         reach = chain.radius_m + EDGE_M
         steps = np.arange(-np.ceil(reach / cell_m), np.ceil(reach / cell_m) + 1)
-        offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-        cells = (np.floor(points / cell_m)[:, None] + offsets).astype(np.int64)
-        distance = np.linalg.norm((cells + 0.5) * cell_m - points[:, None], axis=-1)
-        i, j = cells[(distance <= reach) & ((cells >= 0) & (cells < near.shape)).all(axis=-1)].T
-        near[i, j] = True
+        cells = (np.floor(points / cell_m)[:, None] + steps[:, None]).astype(np.int64)  # (N, steps, 2)
+        squares = ((cells + 0.5) * cell_m - points[:, None]) ** 2
+        is_near = squares[:, :, None, 0] + squares[:, None, :, 1] <= reach**2
+        inside = (cells >= 0) & (cells < near.shape)
+        point, i, j = np.nonzero(is_near & inside[:, :, None, 0] & inside[:, None, :, 1])
+        near[cells[point, i, 0], cells[point, j, 1]] = True
     return near
 
 
