@@ -8,7 +8,7 @@ MANUAL := .ci/docs $(shell find docs -type f -not -path '*/__pycache__/*')
 .PHONY: help setup demo quick test soak fuzz serve lint docs pictures api-examples bench wheel licences lock clean
 
 help:
-	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result shown'
+	@echo 'make demo    a live scan by the simulated cell, the string in it recognised, the result and the best grasp shown'
 	@echo 'make quick   run the quick tests of the library and the cell, within a minute'
 	@echo 'make test    run all tests'
 	@echo 'make soak    the tests that take long, hours of them: hundreds of scans, stops, faults, kills'

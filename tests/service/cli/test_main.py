@@ -10,13 +10,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from calibration.geometry.transforms import from_rotation_vector
+from cell.config.cell_config import CellSettings
+from cell.config.gripper_config import GripperSettings
+from cell.kinematics.ur_kinematics import forward
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from recognition.model.grasps import GraspMotion
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing import Scene
 from service.app import openapi_document
-from service.cli.commands.demo import indented
+from service.cli.commands.demo import describe_best_grasp, grasp_reach, indented
 from service.cli.main import main
 from service.processing.worker import TaskFailedError
 from service.storage.data_folder import DataFolder
@@ -317,6 +327,7 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
     assert str(folder / "scan.mcap") in out
     assert not list(folder.rglob("old.*"))
     assert len(model["crossings"]) == 1
+    check_best_grasp(out, model)
     text = (folder / "result" / "model.json").read_text()
     assert '\n  "chains": [\n' in text, "it is indented"
     assert re.search(r"^ +\[-?[0-9.]+, -?[0-9.]+, -?[0-9.]+\],$", text, re.MULTILINE), "a point has one line"
@@ -330,6 +341,54 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
     (folder / "mine.txt").write_text("keep")
     assert main(["demo", str(folder)]) == 1
     assert (folder / "mine.txt").exists()
+
+
+def check_best_grasp(out: str, model: dict[str, Any]) -> None:
+    """Check that the printed joint angles put the flange where the printed grasp of the model needs it."""
+    number, chain = map(int, re.findall(r"^Best grasp +grasp (\d+): chain (\d+) at \d+ mm, ", out, re.MULTILINE)[0])
+    grasp = model["grasps"][number]
+    assert chain == grasp["chain"]
+    lines = {line[:19].strip(): line[19:] for line in out.splitlines()}
+    assert lines["Best grasp"].endswith(f"open to {grasp['opening_m'] * 1000:.1f} mm")
+    flange = grasp["T_base_flange"]
+    shown = [array(text) for text in re.findall(r"\[.*?\]", lines["Flange at"])]
+    assert len(shown) == 3
+    for name, position_mm in zip(("pregrasp", "grasp", "retreat"), shown, strict=True):
+        np.testing.assert_allclose(position_mm / 1000, np.array(flange[name])[:3, 3], rtol=0, atol=1e-4)
+    for label, name in (("Joints, pre-grasp", "pregrasp"), ("Joints, grasp", "grasp")):
+        found, wanted = forward("ur5e", array(lines[label])), np.array(flange[name])
+        # four digits of six angles are up to 0.3 mm at a reach of 0.9 m
+        np.testing.assert_allclose(found[:3, 3], wanted[:3, 3], rtol=0, atol=3e-4)
+        half_turn = np.diag((-1.0, -1.0, 1.0))
+        off = [np.abs(found[:3, :3] - wanted[:3, :3] @ turn).max() for turn in (np.eye(3), half_turn)]
+        assert min(off) < 3e-4, "the gripper may be turned by pi about its approach"
+
+
+def array(text: str) -> NDArray[np.float64]:
+    """Return the numbers of a printed list."""
+    return np.array(json.loads(text.removesuffix(" rad")))
+
+
+def test_demo_says_why_no_grasp_is_reached(recording_file: Path) -> None:
+    """A gripper of 100 mm is so short that the camera meets the table."""
+    settings = CellSettings(gripper=GripperSettings(length_m=0.1))
+    recording = read_recording(recording_file)
+    radius = ChainParameters.for_radius(0.0042)
+    scene = Scene(workspace_m=recording.header.workspace_m)
+    grasps = recognise(recording.views, radius, scene, gripper=settings.gripper.to_gripper()).model.grasps
+    # the string of this recording lies around the origin, where the base of the arm would be
+    over_table = from_rotation_vector((0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
+    moved = []
+    for grasp in grasps:
+        assert grasp.T_base_flange is not None
+        poses = {name: over_table @ pose for name, pose in vars(grasp.T_base_flange).items()}
+        moved.append(replace(grasp, T_base_flange=GraspMotion(**poses)))
+    (line,) = describe_best_grasp(moved, grasp_reach(moved, settings, T_FLANGE_CAMERA))
+    assert line.startswith("Best grasp         none that the arm can reach: the camera")
+    counts = [tuple(map(int, found)) for found in re.findall(r"\((\d+) of (\d+)\)", line)]
+    assert sum(count for count, _ in counts) == len(grasps) > 50
+    assert {total for _, total in counts} == {len(grasps)}
+    assert describe_best_grasp([], []) == ["Best grasp         none: the model has no grasps"]
 
 
 def test_demo_reports_why_the_scan_failed(
