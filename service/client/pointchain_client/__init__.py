@@ -17,6 +17,7 @@ from pointchain_client.documents.cell import (
     Viewpoints,
 )
 from pointchain_client.documents.findings import Finding, Severity, Verdict
+from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import (
     Chain,
     ChainMatch,
@@ -27,6 +28,7 @@ from pointchain_client.documents.model import (
     EndElement,
     Grasp,
     GraspMotion,
+    GraspReach,
     Model,
     OtherElement,
     PData,
@@ -81,7 +83,10 @@ __all__ = [
     "EndElement",
     "Finding",
     "Grasp",
+    "GraspList",
     "GraspMotion",
+    "GraspReach",
+    "HeightMap",
     "Method",
     "Model",
     "ModelError",

@@ -13,6 +13,7 @@ import httpx2
 
 from pointchain_client import flows
 from pointchain_client.documents.cell import Cell, ScanValidation
+from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
 from pointchain_client.flows import Method, ScanRef
@@ -155,6 +156,24 @@ class AsyncClient:
     async def model(self, scan: Scan | str, since: ScanRef | None = None) -> Model:
         """Return the model of a scan as arrays. See `Client.model`."""
         return await self._run(flows.model(self._service, scan, since))
+
+    async def grasps(
+        self,
+        scan: ScanRef,
+        chain: int | None = None,
+        s_range_m: tuple[float, float] | None = None,
+        min_clearance_m: float | None = None,
+        reachable: bool | None = None,
+        reach: bool | None = None,
+        count: int | None = None,
+    ) -> GraspList:
+        """Return the grasps of a scan with their reach. See `Client.grasps`."""
+        filters = flows.grasp_filters(chain, s_range_m, min_clearance_m, reachable, reach, count)
+        return await self._run(flows.grasps(self._service, scan, filters))
+
+    async def height_map(self, scan: ScanRef) -> HeightMap:
+        """Return the height of the table and of all that lies on it. See `Client.height_map`."""
+        return await self._run(flows.height_map(self._service, scan))
 
     async def changes(self, scan: ScanRef, since: ScanRef) -> Changes:
         """Return which chain of an earlier scan is which chain of this one. See `Client.changes`."""

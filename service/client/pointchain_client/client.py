@@ -16,6 +16,7 @@ import httpx2
 
 from pointchain_client import flows
 from pointchain_client.documents.cell import Cell, ScanValidation
+from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
 from pointchain_client.flows import Method, ScanRef
@@ -268,6 +269,55 @@ class Client:
             UnreachableError: The service cannot be reached.
         """
         return self._run(flows.model(self._service, scan, since))
+
+    def grasps(
+        self,
+        scan: ScanRef,
+        chain: int | None = None,
+        s_range_m: tuple[float, float] | None = None,
+        min_clearance_m: float | None = None,
+        reachable: bool | None = None,
+        reach: bool | None = None,
+        count: int | None = None,
+    ) -> GraspList:
+        """Return the grasps of a scan with their reach: first the best of each cluster, then all others.
+
+        The filters keep the order and the ids. All given filters must match.
+
+        Args:
+            scan: The scan, its model, or its id.
+            chain: Only grasps on the chain with this id. None: on all chains.
+            s_range_m: Only grasps between these two arc lengths of the chain, metres. It needs `chain`. None: anywhere.
+            min_clearance_m: Only grasps with at least this clearance, metres. None: all.
+            reachable: True: only grasps that the arm can carry out. False: only the others. None: both.
+            reach: Whether the service determines the reach. True: also for a recording, for the configured cell. None:
+                if the scan is live and its calibration is in use, or if `reachable` is given.
+            count: Largest number of grasps. None: all.
+
+        Raises:
+            ValueError: A model does not say from which scan it is.
+            ScanFailedError: The scan has no model.
+            ProblemError: A filter is not valid (`invalid-request`), for example because the model has no such chain; or
+                the reach needs a calibration (`calibration`).
+            UnreachableError: The service cannot be reached.
+        """
+        filters = flows.grasp_filters(chain, s_range_m, min_clearance_m, reachable, reach, count)
+        return self._run(flows.grasps(self._service, scan, filters))
+
+    def height_map(self, scan: ScanRef) -> HeightMap:
+        """Return the height of the table and of all that lies on it.
+
+        Args:
+            scan: The scan, its model, or its id.
+
+        Raises:
+            ValueError: A model does not say from which scan it is.
+            ScanFailedError: The scan has no model.
+            ProblemError: `no-result`: The scan has no height map: no string was in view, or the result is of an earlier
+                release.
+            UnreachableError: The service cannot be reached.
+        """
+        return self._run(flows.height_map(self._service, scan))
 
     def changes(self, scan: ScanRef, since: ScanRef) -> Changes:
         """Return which chain of an earlier scan is which chain of this one, and what is new or gone.

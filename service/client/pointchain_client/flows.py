@@ -17,6 +17,7 @@ import httpx2
 from pointchain_client import retry
 from pointchain_client.answers import NOT_SENT_ERRORS, document_of, json_of, require_success
 from pointchain_client.documents.cell import Cell, ScanValidation
+from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import ID_PATTERN, RESULT_STATES, Recording, Scan, ScanList
 from pointchain_client.errors import (
@@ -259,6 +260,52 @@ def changes(service: str, scan: ScanRef, since: ScanRef) -> Flow[Changes]:
     if found.since is None:
         raise ModelError("the service did not answer with the changes: use a service of the client's version")
     return found.since
+
+
+def grasp_filters(
+    chain: int | None,
+    s_range_m: tuple[float, float] | None,
+    min_clearance_m: float | None,
+    reachable: bool | None,
+    reach: bool | None,
+    count: int | None,
+) -> Mapping[str, Any]:
+    """Return the query of a request for grasps."""
+    min_s_m, max_s_m = s_range_m or (None, None)
+    values = {
+        "chain": chain,
+        "min_s_m": min_s_m,
+        "max_s_m": max_s_m,
+        "min_clearance_m": min_clearance_m,
+        "reachable": reachable,
+        "reach": reach,
+        "count": count,
+    }
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def grasps(service: str, scan: ScanRef, filters: Mapping[str, Any]) -> Flow[GraspList]:
+    """Read the grasps of a scan."""
+    path = yield from _result_path(service, scan, "grasps")
+    return (yield from _get_document(service, GraspList, path, filters))
+
+
+def height_map(service: str, scan: ScanRef) -> Flow[HeightMap]:
+    """Read the height map of a scan."""
+    path = yield from _result_path(service, scan, "height-map")
+    return (yield from _get_document(service, HeightMap, path))
+
+
+def _result_path(service: str, scan: ScanRef, name: str) -> Flow[str]:
+    """Return the path of a result.
+
+    Raises:
+        ScanFailedError: The scan has no model.
+    """
+    found = scan if isinstance(scan, Scan) else (yield from get_scan(service, id_of(scan)))
+    if found.links.model is None:
+        raise ScanFailedError(found)
+    return f"{scan_path(found.id)}/{name}"
 
 
 def cancel(service: str, scan: ScanRef) -> Flow[Scan]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import numpy as np
@@ -111,6 +112,66 @@ def test_a_model_has_its_changes_since_another_scan(planner: Client, recording: 
         planner.changes(without, since=before)
 
 
+def test_grasps_are_listed_filtered_and_checked_for_reach(planner: Client, recording: str) -> None:
+    scan = planner.replay(recording, timeout_s=PATIENCE_S)
+    model = planner.model(scan)
+    found = planner.grasps(scan)
+    assert (found.schema, found.frame, found.total, found.q_home_rad) == (
+        "pointchain/2",
+        "base",
+        len(model.grasps),
+        None,
+    )
+    assert [grasp.id for grasp in found.grasps] == [grasp.id for grasp in model.grasps]
+    assert {grasp.reach for grasp in found.grasps} == {None}, "the reach of a recording is determined on request"
+    assert found.reachable == ()
+    for grasp, of_model in zip(found.grasps, model.grasps, strict=True):
+        assert grasp.T_base_flange is not None
+        tip = (grasp.T_base_flange.grasp @ found.T_flange_tcp)[:3, 3]
+        # the fingertips are `reach_m` beyond the centre line
+        wanted = grasp.T_base_grasp[:3, 3] + grasp.reach_m * grasp.T_base_grasp[:3, 2]
+        np.testing.assert_allclose(tip, wanted, rtol=0, atol=2e-6)
+        assert grasp.T_base_grasp.tolist() == of_model.T_base_grasp.tolist()
+    middle = model.chains[0].length_m / 2
+    some = planner.grasps(model, chain=0, s_range_m=(middle, 1.0), min_clearance_m=0.02, count=4)
+    wanted_ids = [grasp.id for grasp in model.grasps if grasp.s_m >= middle and grasp.clearance_m >= 0.02]
+    assert [grasp.id for grasp in some.grasps] == wanted_ids[:4]
+    assert some.total == found.total
+
+    # the string lies at the origin, where the base of the arm is
+    checked = planner.grasps(scan.id, reach=True, count=3)
+    assert checked.q_home_rad is not None
+    assert checked.q_home_rad.shape == (6,)
+    for grasp in checked.grasps:
+        assert grasp.reach is not None
+        assert (grasp.reach.reachable, grasp.reach.q_grasp_rad, grasp.reach.path_free) == (False, None, None)
+        assert grasp.reach.reason
+        assert grasp.reach.message
+    assert planner.grasps(scan, reachable=True).grasps == ()
+    assert len(planner.grasps(scan, reachable=False, count=2).grasps) == 2
+    refused: list[dict[str, Any]] = [{"chain": 7}, {"s_range_m": (0.1, 0.2)}, {"reachable": True, "reach": False}]
+    for filters in refused:
+        with pytest.raises(ProblemError) as error:
+            planner.grasps(scan, **filters)
+        assert error.value.slug == "invalid-request"
+
+
+def test_the_height_map_shows_the_string_on_the_table(planner: Client, recording: str) -> None:
+    scan = planner.replay(recording, timeout_s=PATIENCE_S)
+    assert scan.links.height_map is not None
+    heights = planner.height_map(scan)
+    (chain,) = planner.model(scan).chains
+    assert heights.frame == "base"
+    cells = np.floor((chain.points[:, :2] - (heights.x_m, heights.y_m)) / heights.cell_m).astype(int)
+    above_m = heights.z_m[*cells.T] - heights.table_z_m
+    # the string is 8.4 mm thick; cells at its edge are lower
+    assert 0.006 < np.nanmedian(above_m) < 0.0095
+    assert heights.min_object_height_m >= 0.0012
+    rest = np.nanmedian(heights.z_m)
+    assert rest == pytest.approx(heights.table_z_m, abs=0.0005), "most of the cells are the table"
+    assert np.isnan(heights.z_m).any(), "the map is wider than what the views show"
+
+
 def test_a_scan_is_reprocessed_kept_and_deleted(planner: Client, recording: str) -> None:
     scan = planner.replay(recording, string_radius_m=0.004, timeout_s=PATIENCE_S)
     again = planner.reprocess(scan, {"method": "matching", "string_radius_m": None}, timeout_s=PATIENCE_S)
@@ -167,8 +228,9 @@ def test_refusals_and_failures_have_a_reason(planner: Client, recording: str, he
     scan = planner.start({"mode": "replay", "recording": recording})
     with pytest.raises(TimeoutError, match="and continues"):
         planner.wait(scan, timeout_s=0.3)
-    with pytest.raises(ScanFailedError, match=r"is (queued|processing)"):
-        planner.model(scan)
+    for read in (planner.model, planner.grasps, planner.height_map):
+        with pytest.raises(ScanFailedError, match=r"is (queued|processing)"):
+            read(scan)
     assert planner.cancel(scan).state == "aborted"
     with pytest.raises(ScanFailedError, match="was cancelled") as failed:
         planner.wait(scan)

@@ -41,8 +41,11 @@ DOCUMENTS: dict[type, str] = {
     client.CrossingElement: "CrossingElementDocument",
     client.EndElement: "EndElementDocument",
     client.Finding: "FindingDocument",
-    client.Grasp: "GraspDocument",
+    client.Grasp: "ListedGrasp",
+    client.GraspList: "GraspsDocument",
     client.GraspMotion: "GraspMotionDocument",
+    client.GraspReach: "ReachDocument",
+    client.HeightMap: "HeightMapDocument",
     client.Model: "ModelDocument",
     client.PData: "PDataDocument",
     client.Problem: "Problem",
@@ -68,6 +71,8 @@ DOCUMENTS: dict[type, str] = {
     ScanList: "ScanList",
 }
 """Schema of each dataclass of the client."""
+MODEL_GRASP = "GraspDocument"
+"""Schema of a grasp in a model, which has no reach."""
 
 
 @pytest.mark.parametrize("kind", DOCUMENTS, ids=lambda kind: kind.__name__)
@@ -92,7 +97,8 @@ def assert_same_type(hint: Any, member: Mapping[str, Any], where: str) -> None:
         return
     schema = others[0]
     if "$ref" in schema:
-        assert DOCUMENTS[hint] == schema["$ref"].rpartition("/")[2], where
+        name = schema["$ref"].rpartition("/")[2]
+        assert name == DOCUMENTS[hint] or (hint is client.Grasp and name == MODEL_GRASP), where
         return
     match schema["type"]:
         case "array":
@@ -105,6 +111,10 @@ def assert_same_type(hint: Any, member: Mapping[str, Any], where: str) -> None:
             assert get_origin(hint) is Mapping, where
         case name:
             assert hint is {"string": str, "integer": int, "number": float, "boolean": bool}[name], where
+
+
+def test_a_grasp_in_a_model_has_all_members_but_the_reach() -> None:
+    assert member_names(client.Grasp) - set(SCHEMAS[MODEL_GRASP]["properties"]) == {"reach"}
 
 
 def test_each_dataclass_of_a_document_is_checked() -> None:
@@ -249,6 +259,28 @@ def test_the_member_at_fault_is_named(document: dict[str, Any], message: str) ->
     WRONG[message](wrong)
     with pytest.raises(ModelError, match=re.escape(message)):
         Model.from_json(wrong)
+
+
+HEIGHTS = {"frame": "base", "x_m": 0.1, "y_m": -0.2, "cell_m": 0.002, "table_z_m": 0.0, "min_object_height_m": 0.0012}
+
+
+@pytest.mark.parametrize("z_m", [[[0.001, None, 2], [None, 0, 0.5]], [[None, None]], [[0.1, 0.2]], [[1]]])
+def test_null_in_a_height_map_is_nan(z_m: list[list[float | None]]) -> None:
+    found = decode(client.HeightMap, HEIGHTS | {"z_m": z_m})
+    expected = np.array([[np.nan if z is None else z for z in row] for row in z_m])
+    np.testing.assert_array_equal(found.z_m, expected)
+    assert found.z_m.dtype == np.float64
+
+
+@pytest.mark.parametrize("z_m", [[[1, None], [2]], [[1, "2"], [None, 3]], [[None, float("inf")]], [[{}, None]], [None]])
+def test_other_values_in_a_height_map_are_refused(z_m: list[Any]) -> None:
+    with pytest.raises(DecodeError, match="member z_m must be an array of numbers of shape"):
+        decode(client.HeightMap, HEIGHTS | {"z_m": z_m})
+
+
+def test_null_elsewhere_is_refused() -> None:
+    with pytest.raises(DecodeError, match=r"member q_grasp_rad must be an array of numbers of shape \(6,\)"):
+        decode(client.GraspReach, {"reachable": True, "q_pregrasp_rad": None, "q_grasp_rad": [0, 0, None, 0, 0, 0]})
 
 
 @pytest.mark.parametrize("wrong", [None, [], "model", 3])

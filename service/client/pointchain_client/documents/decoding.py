@@ -28,13 +28,15 @@ class DecodeError(ValueError):
 class ArrayShape:
     """Shape of an array in a type hint, such as (N, 3)."""
 
-    def __init__(self, *lengths: int | None) -> None:
+    def __init__(self, *lengths: int | None, nulls: bool = False) -> None:
         """Create the shape.
 
         Args:
             *lengths: Length of each axis. None: any length.
+            nulls: Whether numbers may be null. Null becomes NaN.
         """
         self.lengths = lengths
+        self.nulls = nulls
 
     def __repr__(self) -> str:
         lengths = ", ".join("N" if length is None else str(length) for length in self.lengths)
@@ -47,6 +49,10 @@ Point = Annotated[NDArray[np.float64], ArrayShape(3)]
 """(3,) array."""
 Pose = Annotated[NDArray[np.float64], ArrayShape(4, 4)]
 """(4, 4) array."""
+Joints = Annotated[NDArray[np.float64], ArrayShape(6)]
+"""(6,) array."""
+Heights = Annotated[NDArray[np.float64], ArrayShape(None, None, nulls=True)]
+"""(N, M) array of numbers; NaN where the document has null."""
 Values = Annotated[NDArray[np.float64], ArrayShape(None)]
 """(N,) array of numbers."""
 Counts = Annotated[NDArray[np.int64], ArrayShape(None)]
@@ -135,6 +141,11 @@ def _array_decoder(dtype: "np.dtype[Any]", shape: ArrayShape) -> Decoder:
             found = np.asarray(value if isinstance(value, list | tuple) else None)
         except ValueError as error:
             raise DecodeError(f"the member {member} must be {expected}: {error}") from error
+        is_null = np.zeros(found.shape, dtype=np.bool_)
+        if shape.nulls and found.dtype.kind == "O":  # numbers beside nulls
+            items = found.ravel().tolist()
+            is_null = np.array([item is None for item in items], dtype=np.bool_).reshape(found.shape)
+            found = np.array([0 if item is None else item for item in items]).reshape(found.shape)
         if found.size == 0 and shape.lengths[0] is None:
             found = np.zeros([length or 0 for length in shape.lengths], dtype)
         fits = found.ndim == len(shape.lengths) and all(
@@ -142,7 +153,7 @@ def _array_decoder(dtype: "np.dtype[Any]", shape: ArrayShape) -> Decoder:
         )
         if not fits or found.dtype.kind not in kinds or not np.isfinite(found).all():
             raise DecodeError(f"the member {member} must be {expected}")
-        return found.astype(dtype)
+        return np.where(is_null, np.nan, found).astype(dtype) if is_null.any() else found.astype(dtype)
 
     return decode_array
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 from pointchain_client.documents.decoding import (
     Counts,
     DecodeError,
+    Joints,
     Matrix,
     Point,
     Points,
@@ -133,6 +134,28 @@ class GraspMotion:
     """Pose after the lift, back along the approach direction."""
 
 
+@dataclass(frozen=True, eq=False)
+class GraspReach:
+    """Whether the arm can carry out a grasp, and with which joint angles."""
+
+    reachable: bool
+    """Whether a posture with a free, straight descent exists."""
+    q_pregrasp_rad: Joints | None
+    """(6,) joint angles at the pre-grasp, radians. None if the grasp is not reachable."""
+    q_grasp_rad: Joints | None
+    """(6,) joint angles at the grasp, radians, where a straight line of the flange from the pre-grasp ends. None if
+    the grasp is not reachable."""
+    turned: bool
+    """Whether the gripper is turned by pi about its approach direction. `T_base_flange` of the grasp is turned, too."""
+    path_free: bool | None
+    """Whether the straight line in joint space from the home posture to the pre-grasp is free of collisions. None if
+    the grasp is not reachable."""
+    reason: str | None
+    """Code of the reason why the grasp is not reachable, for example `collision-camera`. None if it is reachable."""
+    message: str | None
+    """The reason for people. None if the grasp is reachable."""
+
+
 @dataclass(frozen=True)
 class Grasp:
     """A pose in which the configured parallel gripper can grasp a string."""
@@ -178,6 +201,8 @@ class Grasp:
     no object is in the way of a lift of 60 mm."""
     T_base_flange: GraspMotion | None = None
     """Poses of the flange that carry out the grasp. None in models of earlier releases."""
+    reach: GraspReach | None = None
+    """Whether the arm can carry out the grasp. None in models, and where the reach was not determined."""
 
 
 @dataclass(frozen=True)
