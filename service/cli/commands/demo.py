@@ -6,7 +6,7 @@ import shutil
 import sys
 import threading
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -18,16 +18,15 @@ from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.errors import CellError
-from cell.planning.grasp_reach import GraspReach, find_reach, reach_model
-from cell.planning.viewpoints import home_posture
+from cell.planning.grasp_reach import GraspReach
 from cell.recording import read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import truth_path
-from recognition.grasping.flange_poses import FlangePoses
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import Grasp, GraspMotion
 from recognition.model.model import PointChainModel
 from service.cli.commands.scan import ScanOptions, take_scan
+from service.processing.reach_finder import ReachFinder
 from service.processing.results import recognise_recording, write_preview, write_results
 from service.processing.stage_figures import write_trace
 from service.processing.worker import RecognitionWorker, TaskFailedError
@@ -81,7 +80,12 @@ def demo(folder: Path) -> int:
     print(f"Live scan          {len(poses)} views by a simulated {settings.arm.model} and a {status.camera.product}")
     for line in _summary(model):
         print(line)
-    for line in describe_best_grasp(model.grasps, grasp_reach(model.grasps, settings, world.nominal_T_flange_camera)):
+    heights = None
+    if recognition.height_map is not None and recognition.grasping is not None:
+        heights = recognition.height_map, recognition.grasping.floor.table_z_m
+    gripper = settings.gripper.to_gripper()
+    found = ReachFinder(settings).find("demo", model.grasps, gripper, world.nominal_hand_eye, heights)
+    for line in describe_best_grasp(found):
         print(line)
     scores = score(model.to_json(), truth)
     error = "" if scores.mean_m is None else f", mean error of the centre line {scores.mean_m * 1000:.2f} mm"
@@ -105,52 +109,34 @@ def indented(value: Any, indent: str = "") -> str:
     return json.dumps(value, allow_nan=False)
 
 
-def grasp_reach(
-    grasps: Sequence[Grasp], settings: CellSettings, T_flange_camera: NDArray[np.float64]
-) -> tuple[GraspReach, ...]:
-    """Return for each grasp whether the arm can carry it out from its home posture.
-
-    Args:
-        grasps: Grasps of a model that recognition has made, with their flange poses.
-        settings: Settings of the cell.
-        T_flange_camera: Camera pose on the flange (4, 4).
-    """
-    motions = [grasp.T_base_flange for grasp in grasps if grasp.T_base_flange is not None]
-    if not motions:
-        return ()
-    poses = FlangePoses(*(np.array([getattr(m, name) for m in motions]) for name in ("pregrasp", "grasp", "retreat")))
-    home = home_posture(settings, T_flange_camera)
-    model = reach_model(settings, T_flange_camera, settings.gripper.to_gripper(), home)
-    return find_reach(model, poses, np.array([grasp.opening_m for grasp in grasps]))
-
-
-def describe_best_grasp(grasps: Sequence[Grasp], reach: Sequence[GraspReach]) -> list[str]:
+def describe_best_grasp(found: Iterable[tuple[Grasp, GraspReach]]) -> list[str]:
     """Return the lines about the first grasp that the arm can carry out, or about why there is none.
 
     Args:
-        grasps: Grasps of a model, the best first.
-        reach: Reach of each.
+        found: Grasps of a model with their reach, the best first. They are taken up to the first reachable one.
     """
-    if not grasps:
+    reasons: Counter[str | None] = Counter()
+    for grasp, reach in found:
+        if reach.q_pregrasp_rad is not None and reach.q_grasp_rad is not None and grasp.T_base_flange is not None:
+            return _describe_grasp(grasp, grasp.T_base_flange, reach.q_pregrasp_rad, reach.q_grasp_rad)
+        reasons[reach.message] += 1
+    if not reasons:
         return ["Best grasp         none: the model has no grasps"]
-    best = next((pair for pair in zip(grasps, reach, strict=True) if pair[1].reachable), None)
-    if best is None:
-        reasons = Counter(found.message for found in reach).most_common()
-        shown = "; ".join(f"{message} ({count} of {len(grasps)})" for message, count in reasons)
-        return [f"Best grasp         none that the arm can reach: {shown}"]
-    grasp, found = best
-    motion = grasp.T_base_flange
-    assert motion is not None
-    assert found.q_pregrasp_rad is not None
-    assert found.q_grasp_rad is not None
-    stations = {"pre-grasp": motion.pregrasp, "grasp": motion.grasp, "retreat": motion.retreat}
-    flange = ", ".join(f"{name} {_numbers(T[:3, 3] * 1000, 1)}" for name, T in stations.items())
+    shown = "; ".join(f"{message} ({count} of {reasons.total()})" for message, count in reasons.most_common())
+    return [f"Best grasp         none that the arm can reach: {shown}"]
+
+
+def _describe_grasp(
+    grasp: Grasp, motion: GraspMotion, q_pregrasp_rad: NDArray[np.float64], q_grasp_rad: NDArray[np.float64]
+) -> list[str]:
+    poses = {"pre-grasp": motion.pregrasp, "grasp": motion.grasp, "retreat": motion.retreat}
+    flange = ", ".join(f"{name} {_numbers(T[:3, 3] * 1000, 1)}" for name, T in poses.items())
     return [
         f"Best grasp         grasp {grasp.id}: chain {grasp.chain} at {grasp.s_m * 1000:.0f} mm, position "
         f"{_numbers(grasp.T_base_grasp[:3, 3] * 1000, 1)} mm, open to {grasp.opening_m * 1000:.1f} mm",
         f"Flange at          {flange} mm",
-        f"Joints, pre-grasp  {_numbers(found.q_pregrasp_rad, 4)} rad",
-        f"Joints, grasp      {_numbers(found.q_grasp_rad, 4)} rad",
+        f"Joints, pre-grasp  {_numbers(q_pregrasp_rad, 4)} rad",
+        f"Joints, grasp      {_numbers(q_grasp_rad, 4)} rad",
     ]
 
 

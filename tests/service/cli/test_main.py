@@ -17,17 +17,17 @@ from cell.config.cell_config import CellSettings
 from cell.config.gripper_config import GripperSettings
 from cell.kinematics.ur_kinematics import forward
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
+from cell.simulation.devices.world import simulated_world
 from cell.simulation.offline_scan import simulate, write_simulation
-from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition.model.grasps import GraspMotion
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
 from service.app import openapi_document
-from service.cli.commands.demo import describe_best_grasp, grasp_reach, indented
+from service.cli.commands.demo import describe_best_grasp, indented
 from service.cli.main import main
+from service.processing.reach_finder import ReachFinder
 from service.processing.worker import TaskFailedError
 from service.storage.data_folder import DataFolder
 
@@ -372,23 +372,19 @@ def array(text: str) -> NDArray[np.float64]:
 def test_demo_says_why_no_grasp_is_reached(recording_file: Path) -> None:
     """A gripper of 100 mm is so short that the camera meets the table."""
     settings = CellSettings(gripper=GripperSettings(length_m=0.1))
-    recording = read_recording(recording_file)
-    radius = ChainParameters.for_radius(0.0042)
+    recording, gripper = read_recording(recording_file), settings.gripper.to_gripper()
     scene = Scene(workspace_m=recording.header.workspace_m)
-    grasps = recognise(recording.views, radius, scene, gripper=settings.gripper.to_gripper()).model.grasps
+    grasps = recognise(recording.views, ChainParameters.for_radius(0.0042), scene, gripper=gripper).model.grasps
     # the string of this recording lies around the origin, where the base of the arm would be
-    over_table = from_rotation_vector((0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
-    moved = []
-    for grasp in grasps:
-        assert grasp.T_base_flange is not None
-        poses = {name: over_table @ pose for name, pose in vars(grasp.T_base_flange).items()}
-        moved.append(replace(grasp, T_base_flange=GraspMotion(**poses)))
-    (line,) = describe_best_grasp(moved, grasp_reach(moved, settings, T_FLANGE_CAMERA))
+    T_workspace = from_rotation_vector((0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
+    moved = [replace(grasp, T_base_grasp=T_workspace @ grasp.T_base_grasp) for grasp in grasps]
+    hand_eye = simulated_world(settings).nominal_hand_eye
+    (line,) = describe_best_grasp(ReachFinder(settings).find("demo", moved, gripper, hand_eye, None))
     assert line.startswith("Best grasp         none that the arm can reach: the camera")
     counts = [tuple(map(int, found)) for found in re.findall(r"\((\d+) of (\d+)\)", line)]
     assert sum(count for count, _ in counts) == len(grasps) > 50
     assert {total for _, total in counts} == {len(grasps)}
-    assert describe_best_grasp([], []) == ["Best grasp         none: the model has no grasps"]
+    assert describe_best_grasp([]) == ["Best grasp         none: the model has no grasps"]
 
 
 def test_demo_reports_why_the_scan_failed(
