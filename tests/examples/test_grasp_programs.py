@@ -1,0 +1,228 @@
+"""The examples that print grasps for MoveIt and for a UR controller, with a live scan of a simulated cell."""
+
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from cell.kinematics.ur_kinematics import forward
+from pointchain_client import Client, GraspList, Model
+from tests.service.conftest import PATIENCE_S, Serve
+from tests.service.live_cell import LiveCell, live_cell
+
+pytestmark = pytest.mark.xdist_group("documents")  # one at a time: several busy processes
+
+ROOT = Path(__file__).resolve().parents[2]
+MESSAGE = {
+    "id",
+    "pre_grasp_posture",
+    "grasp_posture",
+    "grasp_pose",
+    "grasp_quality",
+    "pre_grasp_approach",
+    "post_grasp_retreat",
+    "post_place_retreat",
+    "max_contact_force",
+    "allowed_touch_objects",
+}
+"""Members of moveit_msgs/Grasp."""
+
+Matrix = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
+        yield shared
+
+
+@pytest.fixture(scope="module")
+def planner(cell: LiveCell) -> Iterator[Client]:
+    with Client(str(cell.client.base_url)) as planner:
+        yield planner
+
+
+@pytest.fixture(scope="module")
+def scan(planner: Client) -> str:
+    """A live scan of a string with one crossing."""
+    return planner.scan(string_radius_m=0.0042, timeout_s=PATIENCE_S).id
+
+
+@pytest.fixture(scope="module")
+def model(planner: Client, scan: str) -> Model:
+    return planner.model(scan)
+
+
+@pytest.fixture(scope="module")
+def found(planner: Client, scan: str) -> GraspList:
+    found = planner.grasps(scan)
+    assert found.reachable
+    return found
+
+
+def run(example: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, f"examples/{example}.py", *arguments],
+        cwd=ROOT,
+        env=os.environ,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"examples/{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def lists(text: str) -> list[list[float]]:
+    """Return the lists of six numbers in a program, in order."""
+    found = re.findall(r"\[([^\]]*,[^\]]*)\]", text)
+    return [[float(number) for number in numbers.split(",")] for numbers in found]
+
+
+def pose_matrix(values: list[float]) -> Matrix:
+    """Return the matrix (4, 4) of a pose of URScript."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(values[3:]).as_matrix(), values[:3]
+    return T
+
+
+def test_the_ur_program_carries_out_the_best_reachable_grasp(planner: Client, scan: str, found: GraspList) -> None:
+    done = run("ur_script", str(planner._http.base_url), scan)
+    assert (done.returncode, [line for line in done.stderr.splitlines() if "takes along" not in line]) == (0, [])
+    number = int(re.findall(r"^# Grasp (\d+) of scan", done.stdout)[0])
+    grasp = next(grasp for grasp in found.grasps if grasp.id == number)
+    assert number == next(each.id for each in found.reachable if each.reach and each.reach.path_free)
+    assert grasp.T_base_flange is not None
+    assert grasp.reach is not None
+    assert grasp.reach.q_pregrasp_rad is not None
+    assert grasp.reach.q_grasp_rad is not None
+    assert found.q_home_rad is not None
+    q_home, tcp, q_pregrasp, at_grasp, retreat = lists(done.stdout)
+    assert tcp == [0] * 6, "the poses are those of the flange"
+    np.testing.assert_allclose(q_home, found.q_home_rad, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(q_pregrasp, grasp.reach.q_pregrasp_rad, rtol=0, atol=1e-8)
+    # nine digits are printed
+    np.testing.assert_allclose(pose_matrix(at_grasp), grasp.T_base_flange.grasp, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(pose_matrix(retreat), grasp.T_base_flange.retreat, rtol=0, atol=1e-6)
+    # the straight line begins where movej ends, and ends at the joint angles of the reach
+    np.testing.assert_allclose(forward("ur5e", np.array(q_pregrasp)), grasp.T_base_flange.pregrasp, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(forward("ur5e", grasp.reach.q_grasp_rad), pose_matrix(at_grasp), rtol=0, atol=1e-4)
+    # the lift stays on the checked line, between pre-grasp and grasp
+    ends = (grasp.T_base_flange.pregrasp[:3, 3], grasp.T_base_flange.grasp[:3, 3])
+    share = np.linalg.norm(retreat[:3] - ends[1]) / np.linalg.norm(ends[0] - ends[1])
+    assert 0 < share <= 1 + 1e-6
+    np.testing.assert_allclose(retreat[:3], ends[1] + share * (ends[0] - ends[1]), rtol=0, atol=1e-6)
+    assert f"open_gripper({grasp.opening_m * 1000:.1f})" in done.stdout
+    calls = re.findall(r"^  (set_tcp|movej|open_gripper|movel|close_gripper)\(", done.stdout, re.MULTILINE)
+    assert calls == ["set_tcp", "movej", "open_gripper", "movel", "close_gripper", "movel"]
+    newest = run("ur_script", str(planner._http.base_url))
+    assert newest.stdout == done.stdout, "the default is the newest scan"
+
+
+def test_no_program_is_printed_without_reach_or_without_a_trusted_grasp(planner: Client, scan: str) -> None:
+    recording = planner.get(scan).recording
+    assert recording is not None
+    url = str(planner._http.base_url)
+    replay = planner.replay(recording, timeout_s=PATIENCE_S)
+    done = run("ur_script", url, replay.id)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "the reach was not determined: the scan is a recording" in done.stderr
+    # with 6 mm as radius, the string of 4.2 mm is not recognised
+    without = planner.replay(recording, string_radius_m=0.006, timeout_s=PATIENCE_S)
+    for example, message in (("ur_script", "no grasp is on a chain"), ("moveit_grasps", "has no grasp on a chain")):
+        done = run(example, url, without.id)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert f"{message} with the verdict accept" in done.stderr
+
+
+def test_a_grasp_without_a_safe_motion_is_not_chosen(model: Model, found: GraspList) -> None:
+    choose = load("ur_script").choose
+    best = choose(model, found)
+    reach = best.reach
+    first, rest = replace(best, reach=replace(reach, path_free=False)), found.grasps[best.id + 1 :]
+    other = choose(model, replace(found, grasps=(first, *rest)))
+    assert other.id > best.id
+    assert choose(model, replace(found, grasps=(replace(best, object_above_m=0.03), *rest))).id == other.id
+    assert "none of 1 reachable grasps has a free path" in choose(model, replace(found, grasps=(first,)))
+    beyond = replace(reach, reachable=False, q_pregrasp_rad=None, q_grasp_rad=None, message="too far")
+    assert choose(model, replace(found, grasps=(replace(best, reach=beyond),))).endswith("none of 1 grasps: too far")
+    doubtful = replace(model, chains=(replace(model.chains[0], trust="review"),))
+    assert choose(doubtful, found).endswith("with the verdict accept; the verdicts are 0: review")
+    untrusted = choose(model, replace(found, grasps=(replace(best, trusted=False),)))
+    assert untrusted.startswith("no grasp is on a chain with the verdict accept")
+
+
+def test_the_moveit_grasps_have_the_poses_of_the_flange(planner: Client, scan: str, found: GraspList) -> None:
+    options = ("--count", "5", "--joint", "knuckle", "--joint-closed", "0.8", "--joint-open", "0.0", "--touch", "table")
+    done = run("moveit_grasps", str(planner._http.base_url), scan, *options)
+    assert (done.returncode, done.stderr) == (0, "")
+    messages = json.loads(done.stdout)
+    assert [message["id"] for message in messages] == [f"{scan}/{grasp.id}" for grasp in found.reachable[:5]]
+    for message, grasp in zip(messages, found.reachable, strict=False):
+        motion = grasp.T_base_flange
+        assert motion is not None
+        assert set(message) <= MESSAGE
+        T = np.eye(4)
+        pose = message["grasp_pose"]["pose"]
+        T[:3, :3] = Rotation.from_quat([pose["orientation"][name] for name in "xyzw"]).as_matrix()
+        T[:3, 3] = vector(pose["position"])
+        np.testing.assert_allclose(T, motion.grasp, rtol=0, atol=1e-6)
+        approach, retreat = message["pre_grasp_approach"], message["post_grasp_retreat"]
+        np.testing.assert_allclose(T[:3, 3] - shift(approach), motion.pregrasp[:3, 3], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(T[:3, 3] + shift(retreat), motion.retreat[:3, 3], rtol=0, atol=1e-6)
+        for translation in (approach, retreat):
+            assert np.linalg.norm(vector(translation["direction"]["vector"])) == pytest.approx(1)
+            assert 0.9 < translation["min_distance"] / translation["desired_distance"] < 1
+            assert translation["direction"]["header"] == {"frame_id": "base"}
+        assert message["grasp_pose"]["header"] == {"frame_id": "base"}
+        opened, closed = (message[name]["points"][0]["positions"] for name in ("pre_grasp_posture", "grasp_posture"))
+        assert opened == [pytest.approx(0.8 * (1 - grasp.opening_m / 0.085))]
+        assert closed == [0.8]
+        assert message["grasp_posture"]["joint_names"] == ["knuckle"]
+        assert (message["grasp_quality"], message["max_contact_force"]) == (grasp.score, 0.0)
+        assert message["allowed_touch_objects"] == ["table"]
+
+
+def test_moveit_gets_reachable_grasps_first(found: GraspList) -> None:
+    preference = load("moveit_grasps").preference
+    grasp = found.reachable[0]
+    assert grasp.reach is not None
+    beyond = replace(grasp, reach=replace(grasp.reach, reachable=False))
+    assert [preference(each) for each in (grasp, replace(grasp, reach=None), beyond)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("example", ["ur_script", "moveit_grasps"])
+def test_a_missing_service_is_reported(example: str) -> None:
+    done = run(example, "http://127.0.0.1:9")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith(f"{example}: ")
+    assert "Traceback" not in done.stderr
+
+
+def vector(value: dict[str, float]) -> Matrix:
+    return np.array([value[name] for name in "xyz"])
+
+
+def shift(translation: dict[str, Any]) -> Matrix:
+    """Return the vector of a GripperTranslation over its desired distance."""
+    return vector(translation["direction"]["vector"]) * translation["desired_distance"]
