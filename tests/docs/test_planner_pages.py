@@ -2,15 +2,18 @@
 
 import json
 import re
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
 import pointchain_client
+from cell.planning.grasp_reach import ReachReason
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel
+from service.api.schemas.grasps import GraspsDocument
+from service.api.schemas.height_map import HeightMapDocument
 from service.security.auth.roles import MIN_ROLE
-from tests.docs.pages import DOCS, blocks
+from tests.docs.pages import DOCS, ROOT, blocks
 
 PLANNER = DOCS / "planner"
 UNLISTED = ("/docs", "/openapi", "/static", "/console", "/manual", "/ ")
@@ -29,6 +32,34 @@ def test_each_member_of_the_model_is_explained() -> None:
     explained = set(re.findall(r"`([A-Za-z_][A-Za-z_0-9]*)`", prose))
     schema = TypeAdapter(ModelDocument).json_schema()
     assert members(schema) - explained == set()
+
+
+def test_each_member_of_the_list_of_grasps_is_explained() -> None:
+    """The members of a grasp of the model are explained on the page of the model."""
+    text = "".join((PLANNER / name).read_text() for name in ("model.md", "http.md", "grasps.md"))
+    explained = set(re.findall(r"`([A-Za-z_][A-Za-z_0-9]*)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
+    for kind in (GraspsDocument, HeightMapDocument):
+        schema = TypeAdapter(kind).json_schema()
+        assert members(schema) - explained == set()
+
+
+def test_each_parameter_of_the_grasps_is_in_the_table() -> None:
+    table = section("http.md", "### Get the grasps")
+    given = {name for row in table for name in re.findall(r"`(\w+)`", row[0])}
+    description = json.loads((ROOT / "service/openapi.json").read_text())
+    parameters = description["paths"]["/api/scans/{id}/grasps"]["get"]["parameters"]
+    assert given == {parameter["name"] for parameter in parameters if parameter["in"] == "query"}
+
+
+def test_each_reason_against_the_reach_is_in_the_table() -> None:
+    given = {row[0].strip("`") for row in section("grasps.md", "## Reach")}
+    assert set(get_args(ReachReason)) - given == set()
+
+
+def section(page: str, heading: str) -> list[list[str]]:
+    """Return the rows of the tables below a heading."""
+    text = (PLANNER / page).read_text().split(f"\n{heading}\n")[1].split("\n## ")[0].split("\n### ")[0]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"]
 
 
 def test_the_example_is_a_model() -> None:
