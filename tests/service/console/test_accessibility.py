@@ -48,6 +48,10 @@ def test_every_screen_is_accessible(
     for key, done in (("2", "The best 5 of"), ("3", "only protected scans"), ("4", "Drift in recent scans")):
         page.keyboard.press(key)
         expect(page.get_by_role("main")).to_contain_text(done)
+        if key == "2":
+            page.get_by_role("button", name="fingers").first.click()
+            page.get_by_label("Height map").check()
+            expect(page.get_by_role("main")).to_contain_text("Height above the table")
         if key == "3":
             page.get_by_role("list", name="Scans, the newest first").get_by_role("button").first.click()
         assert_usable(page)

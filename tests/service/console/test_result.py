@@ -1,5 +1,6 @@
 """The page of a result: its 3D view and its text."""
 
+import io
 import json
 import re
 from collections.abc import Callable, Iterator
@@ -10,12 +11,14 @@ from typing import Any
 import httpx2
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
+from recognition.model.document import LATER_GRASP_MEMBERS
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient, wait_until
@@ -64,8 +67,8 @@ def test_a_clearance_beyond_the_search_distance_is_shown_as_a_minimum(
 
     def with_a_distant_obstacle(route: Route) -> None:
         model = json.loads(route.fetch().body())
-        model["grasps"][0]["clearance_m"] = MAX_RELEVANT_DISTANCE_M
-        model["grasps"][1]["clearance_m"] = MAX_RELEVANT_DISTANCE_M - 0.0001
+        for grasp in model["grasps"]:
+            grasp["clearance_m"] = MAX_RELEVANT_DISTANCE_M - (0.0 if grasp["id"] == 0 else 0.0001)
         route.fulfill(json=model)
 
     page.route("**/model", with_a_distant_obstacle)
@@ -251,13 +254,14 @@ def as_schema_1(model: dict[str, Any]) -> dict[str, Any]:
         "schema": "pointchain/1",
         "chains": [chain | {"ends": ["unseen", "free"]} for chain in without(model["chains"], "trust", "trusted_m")],
         "crossings": without(model["crossings"], "trust"),
-        "grasps": without(model["grasps"], "trusted"),
+        "grasps": without(model["grasps"], "trusted", "id", "cluster", *LATER_GRASP_MEMBERS),
         "quality": quality | {"views": views},
     }
 
 
 def test_a_result_of_an_earlier_release_is_shown_with_doubts(open_console: Open, crossed: ServedClient) -> None:
-    page = open_console(crossed).page
+    opened = open_console(crossed)
+    page = opened.page
     page.route("**/model", lambda route: route.fulfill(json=as_schema_1(json.loads(route.fetch().body()))))
     page.keyboard.press("2")
     wait_until_drawn(page)
@@ -272,7 +276,145 @@ def test_a_result_of_an_earlier_release_is_shown_with_doubts(open_console: Open,
     expect(string.locator(".trust.warn")).to_contain_text("in doubt; 0 mm of")
     expect(page.locator(".label3d.unobserved")).to_have_count(1)
     expect(page.locator(".targets .trust.good")).to_have_count(0)
-    expect(page.get_by_role("button", name=re.compile("fingers .* in doubt$"))).to_have_count(5)
+    grasps = page.get_by_role("button", name=re.compile("fingers .* in doubt$"))
+    expect(grasps).to_have_count(5)
+    grasps.first.click()
+    expect(page.locator(".label3d.marked")).to_contain_text("grasp 0opening")
+    expect(page.locator(".label3d.motion")).to_have_count(0)  # its flange poses are not known
+    expect(page.get_by_role("region", name="Selected grasp")).not_to_contain_text("Reach")
+    assert not [one for one in opened.requests if "/grasps" in one.url]
+
+
+def test_a_pressed_grasp_is_selected_in_the_list_and_in_the_view(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed, "#/result").page
+    wait_until_drawn(page)
+    grasps = listed(original_model(crossed)["grasps"])
+    entries = page.get_by_role("button", name=re.compile(r"fingers .* apart"))
+    expect(entries).to_have_count(len(grasps))
+    entries.nth(0).press("Enter")
+    selected = page.get_by_role("region", name="Selected grasp")
+    grasp = grasps[0]
+    for text in (
+        f"0, at {grasp['s_m'] * 1000:.1f} mm of",
+        f"{grasp['clearance_m'] * 1000:.1f} mm",
+        f"{grasp['end_distance_m'] * 1000:.0f} mm to the nearest end",
+        f"{grasp['over_distance_m'] * 1000:.0f} mm to where it lies over",
+        f"{grasp['under_distance_m'] * 1000:.0f} mm to where it lies under",
+        f"({', '.join(f'{row[3] * 1000:.1f}' for row in grasp['T_base_grasp'][:3])}) mm",
+        "not determined: only for a live scan",
+    ):
+        expect(selected).to_contain_text(text)
+    expect(page.locator(".label3d.marked")).to_have_text(f"grasp {grasp['id']}")
+    assert sorted(page.locator(".label3d.motion").all_inner_texts()) == ["pre-grasp", "retreat"]
+
+    page.get_by_role("button", name="From above").click()
+    other = page.locator(".label3d.grasp:not(.crowded)").first
+    name = other.inner_text()
+    box = other.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(page.locator(".label3d.marked")).to_have_text(name)
+    expect(page.locator(".label3d.grasp", has_text=name)).to_have_count(0)  # it is drawn as the selected one
+    pressed = page.get_by_role("button", pressed=True).and_(entries)
+    expect(pressed).to_have_text(re.compile(rf"^{name.removeprefix('grasp ')}: string 0 at"))
+    expect(selected).to_be_in_viewport()
+    pressed.click()
+    expect(pressed).to_have_count(0)
+    expect(page.locator(".label3d.motion")).to_have_count(0)
+
+
+def listed(grasps: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the best grasp of each of the first five clusters."""
+    best = {grasp["cluster"]: grasp for grasp in reversed(grasps)}
+    return sorted(best.values(), key=lambda grasp: grasp["id"])[:5]
+
+
+def test_the_selected_grasp_says_what_the_arm_reaches_and_what_a_lift_meets(
+    open_console: Open, crossed: ServedClient
+) -> None:
+    page = open_console(crossed).page
+    ids = [grasp["id"] for grasp in listed(original_model(crossed)["grasps"])]
+    reached = {"reachable": True, "path_free": True, "reason": None, "message": None}
+    refused = {"reachable": False, "path_free": None, "reason": "joint-limit", "message": "a joint would go too far"}
+    reach = {ids[0]: reached, ids[1]: reached | {"path_free": False}, ids[2]: refused}
+    above = {ids[0]: ([], None), ids[1]: ([0, 7], None), ids[2]: ([], 0.0234)}
+    texts = {
+        ids[0]: ["the arm reaches it", "nothing lies over the string"],
+        ids[1]: ["something is in the way", "takes a part of the same string along", "takes string 7 along"],
+        ids[2]: ["does not reach it: A joint would go too far.", "touches an object 23 mm above the grasp"],
+    }
+
+    def with_members(route: Route) -> None:
+        document = json.loads(route.fetch().body())
+        for grasp in document["grasps"]:
+            if "reach" in grasp:
+                grasp["reach"] = reach.get(grasp["id"])
+            grasp["chains_above"], grasp["object_above_m"] = above.get(grasp["id"], ([], None))
+        route.fulfill(json=document)
+
+    page.route(re.compile("/(model|grasps)([?]|$)"), with_members)
+    page.keyboard.press("2")
+    entries = page.get_by_role("button", name=re.compile(r"fingers .* apart"))
+    expect(page.get_by_role("button", name="the arm does not reach it")).to_have_text(re.compile(f"^{ids[2]}: "))
+    for place, expected in enumerate(texts.values()):
+        entries.nth(place).click()
+        for text in expected:
+            expect(page.get_by_role("region", name="Selected grasp")).to_contain_text(text)
+
+
+YELLOW, TABLE = (254, 232, 56), (211, 220, 227)
+"""Colours of a height of 27 mm and of the table in the light scheme."""
+
+
+def test_the_height_map_is_loaded_and_drawn_on_request(open_console: Open, crossed: ServedClient) -> None:
+    """The map has four cells. From above: unmeasured and table; then table and a high one."""
+    opened = open_console(crossed)
+    page = opened.page
+
+    def with_four_cells(route: Route) -> None:
+        z_m = [[0.0, None], [0.03, 0.0004]]
+        measured = json.loads(route.fetch().body()) | {"table_z_m": 0.0, "min_object_height_m": 0.0012}
+        route.fulfill(json=measured | {"x_m": -0.05, "y_m": -0.05, "cell_m": 0.05, "z_m": z_m})
+
+    page.route("**/height-map", with_four_cells)
+    page.keyboard.press("2")
+    wait_until_drawn(page)
+    for layer in ("Strings", "Measured points", "Crossings", "Labels"):
+        page.get_by_label(layer, exact=True).uncheck()
+    page.get_by_role("button", name="From above").click()
+    assert len(pixels(page, YELLOW)) == 0
+    assert not [one for one in opened.requests if "height-map" in one.url]
+    page.get_by_label("Height map").check()
+    expect(page.get_by_text("Height above the table:")).to_contain_text("within 1.2 mm of it")
+    wait_until(lambda: len(pixels(page, YELLOW)) > 0)
+    yellow, table = pixels(page, YELLOW), pixels(page, TABLE)
+    assert len(table) == pytest.approx(2 * len(yellow), rel=0.1)  # the view is a perspective one, nearly from above
+    (x, y), (middle_x, middle_y) = yellow.mean(axis=0), table.mean(axis=0)
+    assert x > middle_x + 20
+    assert y > middle_y + 20  # pixels count downwards
+    page.get_by_label("Height map").uncheck()
+    wait_until(lambda: len(pixels(page, YELLOW)) == 0)
+    expect(page.get_by_text("Height above the table:")).to_have_count(0)
+    assert len([one for one in opened.requests if "height-map" in one.url]) == 1
+
+
+def pixels(page: Page, colour: tuple[int, int, int]) -> np.ndarray:
+    """Return the pixels (N, 2) of the 3D view that have a colour, as x and y."""
+    image = np.asarray(Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB"), dtype=np.int16)
+    return np.argwhere((np.abs(image - colour) <= 3).all(axis=-1))[:, ::-1]
+
+
+def test_the_height_map_is_not_offered_where_there_is_none(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed).page
+
+    def without_height_map(route: Route) -> None:
+        scan = json.loads(route.fetch().body())
+        route.fulfill(json=scan | {"links": scan["links"] | {"height_map": None}})
+
+    page.route(re.compile(r"/api/scans/[^/?]+$"), without_height_map)
+    page.keyboard.press("2")
+    wait_until_drawn(page)
+    expect(page.get_by_label("Height map")).to_have_count(0)
 
 
 def test_the_page_reports_that_no_scan_has_a_result(open_console: Open, serve: Serve, tmp_path: Path) -> None:

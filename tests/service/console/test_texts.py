@@ -191,6 +191,9 @@ def test_another_catalogue_translates_every_screen(
     for box in page.get_by_role("checkbox").all():
         box.check()
     page.get_by_role("button", name=wide("String 0")).first.click()
+    page.get_by_role("button", name=wide("fingers")).first.click()
+    expect(page.get_by_role("main")).to_contain_text(wide("not determined"))
+    expect(page.get_by_role("main")).to_contain_text(wide("Height above the table"))
     assert service.untranslated(page) == set()
     page.keyboard.press("3")
     page.get_by_role("list", name=wide("Scans")).get_by_role("button").first.click()

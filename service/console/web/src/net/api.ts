@@ -18,6 +18,8 @@ export type CellGeometry = components["schemas"]["CellGeometry"];
 export type Plan = components["schemas"]["PlanDocument"];
 export type Method = Scan["method"];
 export type Verdict = Model["quality"]["verdict"];
+/** Without joint angles, which the client types as lists of any length. */
+export type GraspReach = Pick<components["schemas"]["ReachDocument"], "reachable" | "path_free" | "reason" | "message">;
 export type Finding = components["schemas"]["FindingDocument"];
 
 /** The service's calls, typed by its description. */

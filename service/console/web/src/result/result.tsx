@@ -20,9 +20,11 @@ import { Compare } from "./compare";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
+import { HeightLegend } from "./height_legend";
 import { NewestResult } from "./newest_result";
 import { SelectedPoint } from "./selected_point";
 import { Strings } from "./strings";
+import { useHeights } from "./use_heights";
 import { useResult } from "./use_result";
 
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
@@ -37,7 +39,12 @@ function Result({ id }: { id: string }) {
   const [selection, select] = useState<Selection | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
-  const content = useMemo(() => ({ model, cloud, views, others }), [model, cloud, views, others]);
+  const heights = useHeights(scan);
+  const { map } = heights;
+  const content = useMemo(
+    () => ({ model, cloud, views, others, heights: map }),
+    [model, cloud, views, others, map],
+  );
   const drawn = useRef<HTMLDivElement>(null);
   const show = (target: Target) => {
     select({ target, turn: true });
@@ -51,6 +58,7 @@ function Result({ id }: { id: string }) {
           content={content}
           elsewhere={scan !== null && isElsewhere(scan)}
           layers={LAYERS}
+          onDemand={scan?.links.height_map ? { layer: "heights", set: heights.show } : null}
           selection={selection}
           picked={(target) => select({ target: model === null ? target : onPoint(model, target), turn: false })}
           fallback={scan?.links.preview}
@@ -58,6 +66,8 @@ function Result({ id }: { id: string }) {
         <p class="small legend">
           {rich("result.legend", { gradient: <span style={{ background: orderGradient() }} /> })}
         </p>
+        {map !== null && <HeightLegend map={map} />}
+        <Failed failure={heights.failure} />
       </div>
       <div class="beside">
         <h1>{model === null ? t("result.title") : foundText(model.chains.length, model.crossings.length)}</h1>
@@ -82,7 +92,7 @@ function Result({ id }: { id: string }) {
                 <SelectedPoint model={model} target={selection?.target ?? null} select={select} />
                 <Strings model={model} show={show} />
                 <Crossings model={model} show={show} />
-                <Grasps model={model} show={show} />
+                <Grasps scan={scan} model={model} selection={selection} select={select} show={show} />
               </>
             )}
             {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}

@@ -1,5 +1,6 @@
 import type { Finding, Model } from "../net/api";
-import type { Chain, Crossing, Grasp } from "../view3d/scene";
+import type { Chain, Crossing } from "../view3d/scene";
+import { completeGrasps, type EarlierGrasp } from "./earlier_grasps";
 
 /** The members of a type that have a name. */
 type Named<T> = { [K in keyof T as string extends K ? never : number extends K ? never : K]: T[K] };
@@ -12,7 +13,7 @@ export interface Schema1Model extends Omit<Named<Model>, "schema" | "chains" | "
   chains: (Omit<Named<Chain>, "ends" | "trust" | "trusted_m"> & { ends: [Schema1End, Schema1End] })[];
   crossings: Omit<Named<Crossing>, "trust">[];
   /** Missing in the oldest models. */
-  grasps?: Omit<Named<Grasp>, "trusted">[];
+  grasps?: Omit<Named<EarlierGrasp>, "trusted">[];
   quality: {
     ambiguities: string[];
     warnings: string[];
@@ -48,7 +49,7 @@ export function fromSchema1(document: Schema1Model): Model {
     })),
     crossings: document.crossings.map((crossing) => ({ ...crossing, trust: "review" })),
     topology: { ...topology, p_data: { ...topology.p_data, elements } },
-    grasps: (document.grasps ?? []).map((grasp) => ({ ...grasp, trusted: false })),
+    grasps: completeGrasps((document.grasps ?? []).map((grasp) => ({ ...grasp, trusted: false }))),
     quality: { verdict: "review", findings, views: views.map((view) => ({ ...view, code: null })) },
   };
 }

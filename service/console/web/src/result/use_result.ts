@@ -5,6 +5,7 @@ import type { Failure } from "../ui/action";
 import { useQuery } from "../ui/use_query";
 import { hasModel } from "../texts/states";
 import type { ViewPose } from "../view3d/scene";
+import { completeGrasps } from "./earlier_grasps";
 import { fromSchema1, type Schema1Model } from "./schema_1";
 
 /** A large cloud takes long over a slow network. */
@@ -27,7 +28,7 @@ export async function loadModel(id: string): Promise<{ model: Model; isEarlier: 
   const document: unknown = await resultOf(api.GET("/api/scans/{id}/model", { params: { path: { id } }, ...LONG }));
   const model = document as Model | Schema1Model; // the client types points as lists of any length
   if (model.schema === "pointchain/1") return { model: fromSchema1(model), isEarlier: true };
-  return { model, isEarlier: false };
+  return { model: { ...model, grasps: completeGrasps(model.grasps) }, isEarlier: false };
 }
 
 /** Load the results of a scan one after the other, the model first. */

@@ -2,7 +2,8 @@ import { Vector3 } from "three";
 import { capsuleEnds } from "./arm";
 import { eyeOf } from "./cameras";
 import { workspaceOf } from "./geometry";
-import type { Content, Layer } from "./scene";
+import { pointsOfMotion } from "./grasp_motion";
+import type { Content, Layer, Target } from "./scene";
 
 export const UP = new Vector3(0, 0, 1);
 /** Viewing directions: an overview, from above with x to the right, and level with the table. */
@@ -40,12 +41,19 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
   return { position: target.clone().addScaledVector(towards, distance), target };
 }
 
-/** Return the points of the overview: the strings, the cloud or the workspace, and the shown layers around them. */
-export function pointsToFrame(content: Content, cloud: Float32Array | null, shown: ReadonlySet<Layer>): Vector3[] {
+/** Return the points of the overview: strings, cloud or workspace, the shown layers around them, the selected grasp. */
+export function pointsToFrame(
+  content: Content,
+  cloud: Float32Array | null,
+  shown: ReadonlySet<Layer>,
+  marked: Target | null,
+): Vector3[] {
   const { model, geometry, q_rad, views } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
   if (points.length === 0 && geometry !== null) points.push(...corners(geometry));
+  const grasp = marked?.kind === "grasp" ? model?.grasps.find(({ id }) => id === marked.id) : undefined;
+  if (grasp) points.push(...pointsOfMotion(grasp));
   if (shown.has("cameras")) points.push(...views.map(eyeOf));
   if (shown.has("arm") && geometry !== null && q_rad !== null) {
     points.push(...capsuleEnds(geometry.arm, q_rad).flatMap(([, ends]) => ends));

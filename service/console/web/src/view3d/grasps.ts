@@ -4,22 +4,23 @@ import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import { BEST_GRASPS, type Grasp, type Model, type CellGeometry } from "./scene";
+import { type CellGeometry, type Grasp, listedGrasps, type Model } from "./scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
 /** Drawn fingers are slimmer than real ones, to tell neighbouring grasps apart. */
 const [THICK_M, WIDE_M, LONG_M] = [0.0007, 0.0018, 0.014];
 
-/** Draw the best grasps: two fingers beside the string and the bar that joins them. */
-export function drawGrasps(model: Model | null, palette: Palette): Group {
+/** Draw the listed grasps, without the selected one: two fingers beside the string and the bar that joins them. */
+export function drawGrasps(model: Model | null, selected: number | null, palette: Palette): Group {
   const group = new Group();
-  const grasps = model?.grasps.slice(0, BEST_GRASPS) ?? []; // the best come first
+  const grasps = model === null ? [] : listedGrasps(model).filter(({ id }) => id !== selected);
   if (grasps.length === 0) return group;
   group.add(bars(grasps, palette.grasp, { thick: THICK_M, wide: WIDE_M, long: LONG_M }));
-  grasps.forEach((grasp, index) => {
-    const target = { kind: "grasp", index } as const;
-    group.add(label({ brief: t("viewer.label.grasp", { index }), kind: "grasp", target, rank: 10 + index }, handleOf(grasp)));
-  });
+  for (const grasp of grasps) {
+    const target = { kind: "grasp", id: grasp.id } as const;
+    const text = { brief: t("viewer.label.grasp", { index: grasp.id }), kind: "grasp", target, rank: 10 + grasp.id };
+    group.add(label(text, handleOf(grasp)));
+  }
   return group;
 }
 

@@ -6,6 +6,7 @@ import { drawView, eyeOf } from "./cameras";
 import { crossingText, strandsOf } from "./crossings";
 import type { Piece } from "./gaps";
 import { drawGrasp, graspText, handleOf } from "./grasps";
+import { drawMotion, fingersOfMotion, palmOf } from "./grasp_motion";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { rod } from "./rod";
@@ -57,10 +58,13 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
       break;
     }
     case "grasp": {
-      const one = content.model?.grasps[target.index];
+      const one = content.model?.grasps.find((grasp) => grasp.id === target.id);
       if (!one) break;
-      group.add(drawGrasp(one, content.geometry, palette.accent));
-      group.add(marked(t("viewer.label.grasp", { index: target.index }), graspText(one), handleOf(one)));
+      const { geometry } = content;
+      const motion = drawMotion(one, chain(one.chain)?.radius_m ?? 0, geometry, palette);
+      const name = t("viewer.label.grasp", { index: one.id });
+      if (motion !== null) group.add(motion, marked(name, undefined, palmOf(one, geometry)));
+      else group.add(drawGrasp(one, geometry, palette.accent), marked(name, graspText(one), handleOf(one)));
       break;
     }
     case "at":
@@ -102,8 +106,8 @@ export function whereIs(target: Target, content: Content): { point: Vector3; aro
       return { point: eye.clone().lerp(centre, 0.5), around_m: 0.05 + eye.distanceTo(centre) / 2 };
     }
     case "grasp": {
-      const grasp = content.model?.grasps[target.index];
-      return grasp ? { point: handleOf(grasp), around_m: 0.06 } : null;
+      const grasp = content.model?.grasps.find((one) => one.id === target.id);
+      return grasp ? (fingersOfMotion(grasp) ?? { point: handleOf(grasp), around_m: 0.06 }) : null;
     }
     case "at":
       return { point: new Vector3().fromArray(target.point), around_m: 10 * RADIUS_M };

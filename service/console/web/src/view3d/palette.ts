@@ -10,6 +10,8 @@ export interface Palette {
   ink: Color;
   muted: Color;
   line: Color;
+  /** The table in the height map. */
+  table: Color;
   /** The selected target. */
   accent: Color;
   /** An unobserved end. */
@@ -27,6 +29,7 @@ const OF_THE_PAGE = {
   ink: ["--ink", "#10181f", "#eff4f7"],
   muted: ["--muted", "#44515c", "#b9c5ce"],
   line: ["--line", "#b9c3cb", "#37434d"],
+  table: ["--table", "#d3dce3", "#2c3842"],
   accent: ["--accent", "#0a4a94", "#9ccaff"],
   warn: ["--warn", "#7a4600", "#ffcb70"],
 } as const;
@@ -49,6 +52,7 @@ export function paletteOf(element: Element, scheme: Scheme): Palette {
     ink: page("ink"),
     muted: page("muted"),
     line: page("line"),
+    table: page("table"),
     accent: page("accent"),
     warn: page("warn"),
     unsure: new Color(own.unsure),

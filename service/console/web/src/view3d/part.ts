@@ -1,4 +1,4 @@
-import { type Group, InstancedMesh, type Mesh, type Object3D, type Scene } from "three";
+import { type Group, InstancedMesh, type Mesh, MeshBasicMaterial, type Object3D, type Scene } from "three";
 import { CSS2DObject } from "three/examples/jsm/renderers/CSS2DRenderer.js";
 
 /** A part of the scene, drawn again only when its input has changed. */
@@ -41,7 +41,10 @@ function discard(group: Object3D): void {
     if (object instanceof InstancedMesh) object.dispose();
     const { geometry, material } = object as Partial<Mesh>; // lines and points have them as well
     geometry?.dispose();
-    for (const one of [material ?? []].flat()) one.dispose();
+    for (const one of [material ?? []].flat()) {
+      if (one instanceof MeshBasicMaterial) one.map?.dispose();
+      one.dispose();
+    }
   });
   group.removeFromParent();
 }

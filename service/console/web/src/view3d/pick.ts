@@ -3,7 +3,7 @@ import { pieceCount, vertexAt } from "./arc_length";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
-import { BEST_GRASPS, type Chain, type Content, type Layer, type Target } from "./scene";
+import { type Chain, type Content, type Layer, listedGrasps, type Target } from "./scene";
 import { pixelsAhead, type Screen, type Seen, project } from "./screen";
 
 /** Accuracy of a finger, pixels; less where many targets are close together. */
@@ -21,8 +21,8 @@ export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen
     if (crossing) return { kind: "crossing", id: crossing.id };
   }
   if (model !== null && shown.has("grasps")) {
-    const grasp = nearest(model.grasps.slice(0, BEST_GRASPS), (one) => apart(handleOf(one)), NEAR);
-    if (grasp) return { kind: "grasp", index: model.grasps.indexOf(grasp) };
+    const grasp = nearest(listedGrasps(model), (one) => apart(handleOf(one)), NEAR);
+    if (grasp) return { kind: "grasp", id: grasp.id };
   }
   const found = model !== null && shown.has("strings") ? pickChain(model.chains, screen, x, y) : null;
   if (found) return found;

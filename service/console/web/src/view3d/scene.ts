@@ -11,7 +11,7 @@ export type Point = readonly [number, number, number];
 export type Pose = readonly (readonly number[])[];
 
 /** A layer that can be shown or hidden. */
-export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "arm" | "labels" | "geometry";
+export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "arm" | "labels" | "geometry" | "heights";
 
 /** The camera pose of a view. */
 export type ViewPose = components["schemas"]["ViewResource"];
@@ -21,6 +21,9 @@ export type ArmCapsule = components["schemas"]["ArmCapsule"];
 export type ArmGeometry = components["schemas"]["ArmGeometry"];
 /** The cell around the strings. */
 export type CellGeometry = components["schemas"]["CellGeometry"];
+
+/** Heights of the table and of what lies on it, in square cells. */
+export type HeightMap = components["schemas"]["HeightMapDocument"];
 
 /** The result of another method from the same views. */
 export interface Other {
@@ -38,6 +41,7 @@ export interface Content {
   /** Current joint angles; null: the arm is not drawn. */
   q_rad: readonly number[] | null;
   others: readonly Other[];
+  heights: HeightMap | null;
 }
 
 /** A part of the scene that can be selected. */
@@ -48,7 +52,7 @@ export type Target =
   | { kind: "part"; chain: number; from_m: number; to_m: number }
   | { kind: "view"; index: number }
   | { kind: "at"; point: Point }
-  | { kind: "grasp"; index: number };
+  | { kind: "grasp"; id: number };
 
 /** Style of a line that represents a string. */
 export type LineStyle = "solid" | "dashed" | "dotted";
@@ -64,7 +68,13 @@ export function lineOf(method: string): { style: LineStyle; colour: string } {
 export const CERTAIN_CONFIDENCE = 0.9;
 
 /** Number of grasps that are listed and drawn: all of them would hide the strings. */
-export const BEST_GRASPS = 5;
+const LISTED_GRASPS = 5;
+
+/** Return the grasps that are listed and drawn: the best one of each of the first clusters. */
+export function listedGrasps({ grasps }: Model): Grasp[] {
+  const clusters = new Set<number>();
+  return grasps.filter(({ cluster }) => !clusters.has(cluster) && clusters.add(cluster)).slice(0, LISTED_GRASPS);
+}
 
 /** Return whether a person must check a crossing. */
 export function isUncertain(crossing: Crossing): boolean {

@@ -7,6 +7,7 @@ import { drawCrossings } from "./crossings";
 import { DIRECTIONS, pointsToFrame } from "./framing";
 import { closeGraphics, openGraphics } from "./graphics";
 import { drawGrasps } from "./grasps";
+import { drawHeights } from "./heights";
 import { LabelLayer } from "./labels";
 import { drawMark, whereIs } from "./highlight";
 import { drawOthers } from "./compared_methods";
@@ -23,7 +24,7 @@ import { drawStrings } from "./strings";
 import { onTap } from "./tap";
 import type { View3D } from "./view3d";
 
-const NOTHING: Content = { model: null, cloud: null, views: [], geometry: null, q_rad: null, others: [] };
+const NOTHING: Content = { model: null, cloud: null, views: [], geometry: null, q_rad: null, others: [], heights: null };
 
 /** Holds the content and draws it only when something has changed. */
 export class Stage implements View3D {
@@ -35,6 +36,7 @@ export class Stage implements View3D {
   private readonly ends = new AbortController();
   private readonly resized = new ResizeObserver(() => this.resize());
   private readonly parts = {
+    heights: new Part(this.scene, drawHeights),
     cloud: new Part(this.scene, drawCloud),
     strings: new Part(this.scene, drawStrings),
     others: new Part(this.scene, drawOthers),
@@ -148,17 +150,18 @@ export class Stage implements View3D {
     const { parts, content, palette, shown } = this;
     const { model, geometry, views } = content;
     this.scene.background = palette.ground;
+    parts.heights.update(content.heights, palette);
     parts.cloud.update(this.points, palette);
     parts.strings.update(model, palette);
     parts.others.update(content.others);
     parts.crossings.update(model, palette);
-    parts.grasps.update(model, palette);
+    parts.grasps.update(model, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
     parts.cameras.update(views, model, palette);
     parts.arm.update(geometry, palette);
     parts.geometry.update(geometry, palette);
     parts.mark.update(this.marked, content, palette);
     parts.others.visible = shown.has("strings");
-    for (const layer of ["cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
+    for (const layer of ["heights", "cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
     }
     this.labels.show(shown.has("labels"));
@@ -167,7 +170,7 @@ export class Stage implements View3D {
   }
 
   private outline(): Vector3[] {
-    return pointsToFrame(this.content, this.points, this.shown);
+    return pointsToFrame(this.content, this.points, this.shown, this.marked);
   }
 
   private screen(): Screen {

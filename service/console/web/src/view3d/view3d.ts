@@ -4,7 +4,7 @@ import { Stage } from "./stage";
 
 export { NoWebGLError } from "./graphics";
 export type { Scheme } from "./palette";
-export type { Content, Layer, Other, Target, CellGeometry, ViewPose } from "./scene";
+export type { Content, Layer, Other, Target, CellGeometry, HeightMap, ViewPose } from "./scene";
 
 /** Events for the page. */
 export interface Callbacks {

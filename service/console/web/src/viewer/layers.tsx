@@ -1,7 +1,7 @@
 import { t } from "../texts/translate";
 import type { Layer } from "../view3d/view3d";
 
-const LAYERS: readonly Layer[] = ["strings", "cloud", "crossings", "grasps", "cameras", "arm", "labels", "geometry"];
+const LAYERS: readonly Layer[] = ["strings", "cloud", "crossings", "grasps", "cameras", "arm", "labels", "geometry", "heights"];
 
 interface LayersProps {
   /** The layers that have content. */

@@ -15,11 +15,13 @@ export interface Selection {
 }
 
 interface ViewerProps {
-  content: Pick<Content, "model" | "cloud" | "views" | "others">;
+  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights">>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
   /** Layers that are shown at first. */
   layers: readonly Layer[];
+  /** A layer whose content is loaded when it is shown, and what to call then and when it is hidden. */
+  onDemand?: { layer: Layer; set: (shown: boolean) => void } | null;
   selection?: Selection | null;
   picked?: (target: Target) => void;
   /** Image for browsers that cannot draw in 3D. */
@@ -31,7 +33,8 @@ const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
 
 /** The 3D view. Its code is loaded after the rest of the page. Nothing in it can move the robot. */
-export function Viewer({ content, elsewhere = false, layers, selection = null, picked, fallback = null }: ViewerProps) {
+export function Viewer(props: ViewerProps) {
+  const { content, elsewhere = false, layers, onDemand = null, selection = null, picked, fallback = null } = props;
   const canvas = useRef<HTMLCanvasElement>(null);
   const labels = useRef<HTMLDivElement>(null);
   const [view, setView] = useState<View3D | null>(null);
@@ -70,7 +73,7 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
     };
   }, []);
 
-  useEffect(() => view?.show({ ...content, geometry: around, q_rad }), [view, content, around]);
+  useEffect(() => view?.show({ heights: null, ...content, geometry: around, q_rad }), [view, content, around]);
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
     if (fit > 0) view?.viewFrom("fit");
@@ -80,6 +83,8 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
     if (selection === null) view?.mark(null);
     else if (selection.turn) view?.focus(selection.target);
     else view?.mark(selection.target);
+    // The other grasps, to compare with.
+    if (selection?.target.kind === "grasp") setShown((before) => new Set([...before, "grasps"]));
   }, [view, selection]);
 
   const keys: Record<string, () => void> = {
@@ -133,10 +138,11 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
         <div ref={labels} class="labels3d" aria-hidden="true" />
       </div>
       <Layers
-        available={layersOf(content, around !== null, q_rad !== null)}
+        available={layersOf(content, around !== null, q_rad !== null, onDemand?.layer)}
         shown={shown}
         set={(next) => {
           setShown(next);
+          if (onDemand !== null) onDemand.set(next.has(onDemand.layer));
           if (FAR.some((layer) => next.has(layer) && !shown.has(layer))) setFit((before) => before + 1);
         }}
       />
@@ -144,8 +150,13 @@ export function Viewer({ content, elsewhere = false, layers, selection = null, p
   );
 }
 
-/** Return the layers that have content. */
-function layersOf({ model, cloud, views }: ViewerProps["content"], around: boolean, arm: boolean): ReadonlySet<Layer> {
+/** Return the layers that have content, or get it on demand. */
+function layersOf(
+  { model, cloud, views }: ViewerProps["content"],
+  around: boolean,
+  arm: boolean,
+  onDemand: Layer | undefined,
+): ReadonlySet<Layer> {
   const available: Layer[] = ["labels"];
   if (model !== null && model.chains.length > 0) available.push("strings");
   if (model !== null && model.crossings.length > 0) available.push("crossings");
@@ -154,5 +165,6 @@ function layersOf({ model, cloud, views }: ViewerProps["content"], around: boole
   if (views.length > 0) available.push("cameras");
   if (around) available.push("geometry");
   if (arm) available.push("arm");
+  if (onDemand !== undefined) available.push(onDemand);
   return new Set(available);
 }

@@ -1,0 +1,139 @@
+import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import { mm, percent, plusMinus, pointText } from "../texts/format";
+import { sentence } from "../texts/sentence";
+import { SHAPES, type Tone } from "../texts/states";
+import { findText, t } from "../texts/translate";
+import { Hint } from "../ui/hint";
+import type { Chain, Grasp, Pose } from "../view3d/scene";
+import type { Reach } from "./use_reach";
+
+/** Recognition measures clearances only up to this distance. */
+export const MAX_CLEARANCE_M = 0.03;
+/** Where the picture is beside the lists and stays visible while they scroll, as in result.css. */
+const BESIDE = "not all and (max-width: 62rem)";
+
+interface SelectedGraspProps {
+  grasp: Grasp;
+  chain: Chain | undefined;
+  reach: Reach;
+  /** It was selected in the 3D view, so the list may have to scroll to it. */
+  picked: boolean;
+}
+
+/** What to know about the selected grasp before it is carried out. */
+export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProps) {
+  const section = useRef<HTMLElement>(null);
+  useEffect(() => {
+    if (picked && matchMedia(BESIDE).matches) section.current?.scrollIntoView({ block: "nearest" });
+  }, [picked]);
+  const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
+  const distances = distanceTexts(grasp);
+  return (
+    <section ref={section} class="panel point" aria-label={t("result.grasp.region")}>
+      <dl>
+        <dt>{t("result.grasp.string")}</dt>
+        <dd>{stringText(grasp, chain)}</dd>
+        {T_base_flange !== null && (
+          <>
+            <dt>{t("result.grasp.reach")}</dt>
+            <dd>
+              <ReachText grasp={grasp} reach={reach} />
+            </dd>
+            <dt>{t("result.grasp.lift")}</dt>
+            <dd>{liftTexts(grasp).map(({ tone, text }) => <Remark key={text} tone={tone}>{text}</Remark>)}</dd>
+            <dt>{t("result.grasp.motion")}</dt>
+            <dd>
+              {t("result.grasp.motion_text", {
+                down: mm(apart_m(T_base_flange.pregrasp, T_base_flange.grasp), 0),
+                up: mm(apart_m(T_base_flange.grasp, T_base_flange.retreat), 0),
+              })}
+            </dd>
+          </>
+        )}
+        <dt>{t("result.grasp.clearance")}</dt>
+        <dd>{clearanceText(grasp)}</dd>
+        {distances.length > 0 && (
+          <>
+            <dt>{t("result.grasp.along")}</dt>
+            <dd>{distances.map((text) => <span key={text} class="remark">{text}</span>)}</dd>
+          </>
+        )}
+        <dt>{t("result.grasp.score")}</dt>
+        <dd>{percent(score)}</dd>
+        <dt>{t("result.point.position")}</dt>
+        <dd>{pointText(positionOf(T_base_grasp))}</dd>
+        {sigma_m !== null && (
+          <>
+            <dt>
+              <Hint term="sigma">{t("result.point.sigma")}</Hint>
+            </dt>
+            <dd>{plusMinus(sigma_m)}</dd>
+          </>
+        )}
+      </dl>
+    </section>
+  );
+}
+
+/** Whether the arm can carry out the grasp, or why not. */
+function ReachText({ grasp, reach: { grasps, failure } }: { grasp: Grasp; reach: Reach }) {
+  if (failure !== null) return <>{t("result.grasp.reach_failed", { reason: failure.detail })}</>;
+  if (grasps === null) return <>{t("result.grasp.reach_loading")}</>;
+  const reach = grasps.get(grasp.id) ?? null;
+  if (reach === null) return <>{t("result.grasp.reach_unknown")}</>;
+  if (!reach.reachable) {
+    const reason = findText(`result.grasp.reason.${reach.reason}`) ?? sentence(reach.message ?? "");
+    return <Remark tone="warn">{t("result.grasp.not_reachable", { reason })}</Remark>;
+  }
+  if (reach.path_free === false) return <Remark tone="warn">{t("result.grasp.reachable_not_straight")}</Remark>;
+  return <Remark tone="good">{t("result.grasp.reachable")}</Remark>;
+}
+
+function Remark({ tone, children }: { tone: Tone; children: ComponentChildren }) {
+  return (
+    <span class={`remark ${tone}`}>
+      <span aria-hidden="true">{SHAPES[tone]}</span> {children}
+    </span>
+  );
+}
+
+function stringText({ chain: id, s_m }: Grasp, chain: Chain | undefined): string {
+  if (chain === undefined) return t("viewer.label.at", { id, at: mm(s_m) });
+  return t("result.grasp.string_at", { string: id, at: mm(s_m), length: mm(chain.length_m) });
+}
+
+function clearanceText({ clearance_m, table_clearance_m }: Grasp): string {
+  const values = { beside: mm(clearance_m), below: mm(table_clearance_m) };
+  return clearance_m >= MAX_CLEARANCE_M ? t("result.grasp.clearance_far", values) : t("result.grasp.clearance_near", values);
+}
+
+/** Say how far ends and crossings are along the string. */
+function distanceTexts({ end_distance_m, over_distance_m, under_distance_m }: Grasp): string[] {
+  const texts: string[] = [];
+  if (end_distance_m !== null) texts.push(t("result.grasp.to_end", { distance: mm(end_distance_m, 0) }));
+  if (over_distance_m !== null) texts.push(t("result.grasp.to_over", { distance: mm(over_distance_m, 0) }));
+  if (under_distance_m !== null) texts.push(t("result.grasp.to_under", { distance: mm(under_distance_m, 0) }));
+  return texts;
+}
+
+/** Say what a lift takes along or touches. */
+function liftTexts({ chain, chains_above, object_above_m }: Grasp): { tone: Tone; text: string }[] {
+  const texts: { tone: Tone; text: string }[] = chains_above.map((string) => ({
+    tone: "warn",
+    text: string === chain ? t("result.grasp.takes_itself") : t("result.grasp.takes_along", { string }),
+  }));
+  if (object_above_m !== null) texts.push({ tone: "warn", text: t("result.grasp.touches", { height: mm(object_above_m, 0) }) });
+  return texts.length > 0 ? texts : [{ tone: "good", text: t("result.grasp.lift_free") }];
+}
+
+/** Return the position of a pose. */
+function positionOf(pose: Pose): number[] {
+  return pose.slice(0, 3).map((row) => row[3] ?? 0);
+}
+
+/** Return the distance between the positions of two poses, metres. */
+function apart_m(a: Pose, b: Pose): number {
+  const [from, to] = [positionOf(a), positionOf(b)];
+  return Math.hypot(...from.map((value, axis) => value - (to[axis] ?? 0)));
+}
