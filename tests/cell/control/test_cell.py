@@ -26,6 +26,7 @@ from cell.errors import (
     RobotUnreachableError,
     StoppedError,
 )
+from cell.process.child import Child
 from cell.recording import RecordingWriter, read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
@@ -34,6 +35,7 @@ from cell.simulation.ur_controller.launcher import ControllerStartError, Running
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from tests.cell.arm.pendant import Pendant
 from tests.cell.loopback import free_host
 from tests.processes import children
 
@@ -97,11 +99,6 @@ def scan(cell: Cell, path: Path, listener: RecordingListener, prepared: Prepared
         return list(views)
 
 
-def connected(cell: Cell) -> Cell:
-    cell.connect()
-    return cell
-
-
 def wait_for_fault(cell: Cell) -> None:
     deadline = time.monotonic() + 30
     while cell.status.state != "fault":
@@ -114,37 +111,16 @@ def controller(cell: Cell) -> AdminClient:
     return AdminClient(cell.controller_host)
 
 
-@pytest.fixture(scope="module")
-def cell() -> Iterator[Cell]:
-    """Yield a cell that many tests share. Each test leaves it ready to scan."""
-    with opened(simulated()) as shared:
-        yield shared
+@contextmanager
+def slow(cell: Cell, fraction: float) -> Iterator[None]:
+    """Set the speed slider of the arm to a fraction within the body."""
+    with closing(Child("pendant", Pendant, cell.controller_host)) as pendant:
+        pendant.call("slide_speed", fraction, timeout_s=20.0)
+        yield
+        pendant.call("slide_speed", 1.0, timeout_s=20.0)
 
 
-def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path) -> None:
-    listener, path = RecordingListener(), tmp_path / "scan.mcap"
-    prepared = prepared_scan(cell)
-    views = scan(cell, path, listener, prepared)
-    order = [leg.view for leg in prepared.plan.legs if leg.view is not None]
-    assert [view.index for view in views] == order
-    assert listener.events == [event for index in order for event in (("moving", index), ("recorded", index))]
-    recorded = read_recording(path)
-    assert [view.index for view in recorded.views] == order
-    for returned, read in zip(views, recorded.views, strict=True):
-        np.testing.assert_array_equal(returned.T_base_flange, read.T_base_flange)
-        # The pose is reported by the controller. The plan uses the nominal kinematics, as the virtual arm does.
-        planned_pose = prepared.plan.viewpoints[returned.index].T_base_flange
-        np.testing.assert_allclose(returned.T_base_flange, planned_pose, atol=5e-4)
-    # The arm is at home, and the cell is ready.
-    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
-    assert cell.status.state == "ready"
-
-
-def controller_q(cell: Cell) -> np.ndarray:
-    admin = controller(cell)
-    q_rad = admin.state().q_rad
-    admin.close()
-    return q_rad
+# Tests that start a cell of their own come first: the shared cell takes CPU time as long as it is connected.
 
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 20))])
@@ -178,205 +154,6 @@ def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
     model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
     assert score(model.to_json(), world_truth(simulated_world(settings))).topology
-
-
-def test_a_killed_camera_is_restarted_without_losing_a_view(cell: Cell, tmp_path: Path) -> None:
-    def kill(index: int) -> None:
-        if len(listener.events) == 6:
-            assert cell.camera.pid is not None
-            os.kill(cell.camera.pid, signal.SIGKILL)
-
-    listener = RecordingListener(kill)
-    assert len(scan(cell, tmp_path / "scan.mcap", listener)) == 8
-    assert listener.reasons == {}
-
-
-def test_a_failed_capture_is_a_missing_view_and_the_others_are_kept(cell: Cell, tmp_path: Path) -> None:
-    def fail(index: int) -> None:
-        if len(listener.events) == 4:  # two views are recorded
-            cell.camera.fault("zero")
-
-    listener = RecordingListener(on_recorded=fail, on_missing=lambda index: cell.camera.fault("none"))
-    views = scan(cell, tmp_path / "scan.mcap", listener)
-    (missing,) = listener.reasons
-    assert {view.index for view in views} == set(range(8)) - {missing}
-    assert [view.index for view in read_recording(tmp_path / "scan.mcap").views] == [view.index for view in views]
-    assert cell.status.state == "ready"
-
-
-def test_the_iteration_after_the_last_view_is_empty(cell: Cell, tmp_path: Path) -> None:
-    prepared = prepared_scan(cell, 2)
-    with (
-        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-        cell.run(prepared, writer, RecordingListener()) as views,
-    ):
-        assert len(list(views)) == 2
-        assert list(views) == []
-
-
-def test_an_error_after_the_last_view_does_not_stop_the_cell(cell: Cell, tmp_path: Path) -> None:
-    def refused(prepared: PreparedScan) -> None:
-        with (
-            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-            cell.run(prepared, writer, RecordingListener()) as views,
-        ):
-            list(views)
-            views.wait()
-            raise ZeroDivisionError
-
-    prepared = prepared_scan(cell, 2)
-    with pytest.raises(ZeroDivisionError):
-        refused(prepared)
-    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
-    assert cell.status.state == "ready"
-
-
-def test_planning_does_not_clear_a_fault(tmp_path: Path) -> None:
-    with opened(simulated()) as cell:
-        cell.connect()
-        admin = controller(cell)
-        admin.protective_stop()
-        # The watch checks the idle arm while another thread plans.
-        deadline = time.monotonic() + 30
-        while cell.status.state == "ready":
-            cell.plan(2)
-            assert time.monotonic() < deadline
-        for _ in range(3):
-            cell.plan(2)
-        admin.close()
-        assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
-        assert cell.status.arm_state is not None
-        assert cell.status.arm_state.safety_mode == "protective_stop"
-
-
-def test_a_fault_since_the_preparation_must_be_acknowledged_before_the_run(tmp_path: Path) -> None:
-    with opened(simulated()) as cell, closing(controller(connected(cell))) as admin:
-        prepared = prepared_scan(cell, 2)
-        statuses: list[str] = []
-        cell.on_status(lambda status: statuses.append(status.state))
-        admin.protective_stop()
-        wait_for_fault(cell)
-        before = controller_q(cell)
-        with pytest.raises(AcknowledgeRequiredError, match="protective stop"):
-            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
-        assert statuses == ["fault"]  # the cell was never busy
-        assert cell.status.slug == "protective-stop"
-        np.testing.assert_array_equal(controller_q(cell), before)
-
-
-def test_a_camera_without_images_fails_the_scan_with_the_arm_at_home(tmp_path: Path) -> None:
-    with opened(simulated()) as cell:
-        prepared = prepared_scan(cell, 4)
-        cell.camera.fault("zero")
-        listener = RecordingListener()
-        with pytest.raises(MissingViewsError, match="0 views were taken, 4 are needed"):
-            scan(cell, tmp_path / "scan.mcap", listener, prepared)
-        assert set(listener.reasons) == set(range(4))
-        np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
-
-
-def test_a_stop_after_planning_prevents_the_move(cell: Cell, tmp_path: Path) -> None:
-    prepared = prepared_scan(cell)
-    before = controller_q(cell)
-    cell.stop()
-    with pytest.raises(StoppedError):
-        scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
-    np.testing.assert_array_equal(controller_q(cell), before)
-    assert cell.status.slug == "stopped"
-    cell.connect()
-    assert cell.status.state == "ready"
-
-
-def test_after_a_stop_at_home_the_cell_does_not_become_ready(cell: Cell, tmp_path: Path) -> None:
-    prepared, changes = prepared_scan(cell, 2), []
-    with (
-        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-        cell.run(prepared, writer, RecordingListener()) as views,
-    ):
-        assert len(list(views)) == 2
-        views.wait()
-        cell.on_status(lambda status: changes.append((status.state, status.slug)))
-        cell.stop()
-    assert changes == [("not_ready", "stopped")]
-    cell.connect()
-
-
-def test_a_request_older_than_a_stop_is_refused_and_changes_nothing(cell: Cell) -> None:
-    requested_s = time.monotonic()
-    cell.stop()
-    cell.connect()
-    with pytest.raises(StoppedError, match="stopped after this request"):
-        cell.prepare_scan(2, requested_s)
-    assert cell.status.state == "ready"
-    prepared_scan(cell, 2)
-
-
-def test_a_fault_on_the_move_home_is_kept_if_views_are_missing(tmp_path: Path) -> None:
-    """With too few views the arm still moves home. A fault of that move is the more important error."""
-    with opened(simulated()) as cell:
-        prepared = prepared_scan(cell, 4)
-        cell.camera.fault("zero")
-        with closing(controller(cell)) as admin:
-
-            def lost(_: int) -> None:
-                if len(listener.reasons) == len(prepared.plan.viewpoints):
-                    admin.protective_stop(at_share=0.5)  # of the next move
-
-            listener = RecordingListener(on_missing=lost)
-            with pytest.raises(MissingViewsError):
-                scan(cell, tmp_path / "scan.mcap", listener, prepared)
-        assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
-
-
-def test_a_plan_is_refused_if_the_arm_has_moved(tmp_path: Path) -> None:
-    with opened(simulated()) as cell:
-        prepared = prepared_scan(cell, 2)
-        admin = controller(cell)
-        # A person turns the base at the pendant. Then the cell is connected again.
-        admin.foreign_program()
-        admin.reset(prepared.plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
-        # The test connects only after the watch of the idle arm has detected the other program.
-        deadline = time.monotonic() + 20.0
-        while cell.status.state == "ready":
-            assert time.monotonic() < deadline, "timeout"
-            time.sleep(0.02)
-        cell.connect()
-        begin = admin.state().events
-        with pytest.raises(RobotNotReadyError, match="moved after its path was planned"):
-            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
-        assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
-        admin.close()
-        assert len(scan(cell, tmp_path / "another.mcap", RecordingListener(), prepared_scan(cell, 2))) == 2
-
-
-def test_an_interrupted_scan_stops_the_arm(tmp_path: Path) -> None:
-    def interrupted(cell: Cell, prepared: PreparedScan) -> None:
-        with (
-            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
-            cell.run(prepared, writer, RecordingListener()) as views,
-        ):
-            next(iter(views))
-            raise KeyboardInterrupt
-
-    with opened(simulated(time_factor=2.0)) as cell:
-        prepared = prepared_scan(cell)
-        admin = controller(cell)
-        with pytest.raises(KeyboardInterrupt):
-            interrupted(cell, prepared)
-        assert not admin.state().moving
-        moves = [event for event in admin.log() if event["kind"] == "motion_start"]
-        admin.close()
-        assert len(moves) < len(prepared.plan.legs)
-    assert len(read_recording(tmp_path / "scan.mcap").views) >= 1
-
-
-def test_a_stop_of_one_cell_does_not_affect_another(tmp_path: Path) -> None:
-    with opened(simulated()) as one, opened(simulated()) as other:
-        prepared = [prepared_scan(each, 2) for each in (one, other)]
-        assert one.controller_host != other.controller_host
-        one.stop()
-        assert len(scan(other, tmp_path / "other.mcap", RecordingListener(), prepared[1])) == 2
-        assert one.status.slug == "stopped"
 
 
 def test_close_ends_all_processes(tmp_path: Path) -> None:
@@ -443,22 +220,259 @@ def test_a_simulated_camera_works_with_another_controller(tmp_path: Path) -> Non
     assert judged.mean_m < 1e-3
 
 
+@pytest.fixture(scope="module")
+def shared_cell() -> Iterator[Cell]:
+    """Yield the cell that most tests share: connecting a new one takes 4 s of CPU time."""
+    with opened(simulated()) as shared:
+        yield shared
+
+
+@pytest.fixture
+def cell(shared_cell: Cell) -> Cell:
+    """Return the shared cell, recovered from the faults of the last test and connected."""
+    if shared_cell.status.state == "fault":
+        with closing(controller(shared_cell)) as admin:
+            admin.reset()
+        shared_cell.acknowledge()
+    shared_cell.connect()
+    shared_cell.camera.fault("none")
+    return shared_cell
+
+
+def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path) -> None:
+    listener, path = RecordingListener(), tmp_path / "scan.mcap"
+    prepared = prepared_scan(cell)
+    views = scan(cell, path, listener, prepared)
+    order = [leg.view for leg in prepared.plan.legs if leg.view is not None]
+    assert [view.index for view in views] == order
+    assert listener.events == [event for index in order for event in (("moving", index), ("recorded", index))]
+    recorded = read_recording(path)
+    assert [view.index for view in recorded.views] == order
+    for returned, read in zip(views, recorded.views, strict=True):
+        np.testing.assert_array_equal(returned.T_base_flange, read.T_base_flange)
+        # The pose is reported by the controller. The plan uses the nominal kinematics, as the virtual arm does.
+        planned_pose = prepared.plan.viewpoints[returned.index].T_base_flange
+        np.testing.assert_allclose(returned.T_base_flange, planned_pose, atol=5e-4)
+    # The arm is at home, and the cell is ready.
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
+    assert cell.status.state == "ready"
+
+
+def controller_q(cell: Cell) -> np.ndarray:
+    admin = controller(cell)
+    q_rad = admin.state().q_rad
+    admin.close()
+    return q_rad
+
+
+def test_a_killed_camera_is_restarted_without_losing_a_view(cell: Cell, tmp_path: Path) -> None:
+    def kill(index: int) -> None:
+        if len(listener.events) == 6:
+            assert cell.camera.pid is not None
+            os.kill(cell.camera.pid, signal.SIGKILL)
+
+    listener = RecordingListener(kill)
+    assert len(scan(cell, tmp_path / "scan.mcap", listener)) == 8
+    assert listener.reasons == {}
+
+
+def test_a_failed_capture_is_a_missing_view_and_the_others_are_kept(cell: Cell, tmp_path: Path) -> None:
+    def fail(index: int) -> None:
+        if len(listener.events) == 4:  # two views are recorded
+            cell.camera.fault("zero")
+
+    listener = RecordingListener(on_recorded=fail, on_missing=lambda index: cell.camera.fault("none"))
+    views = scan(cell, tmp_path / "scan.mcap", listener)
+    (missing,) = listener.reasons
+    assert {view.index for view in views} == set(range(8)) - {missing}
+    assert [view.index for view in read_recording(tmp_path / "scan.mcap").views] == [view.index for view in views]
+    assert cell.status.state == "ready"
+
+
+def test_the_iteration_after_the_last_view_is_empty(cell: Cell, tmp_path: Path) -> None:
+    prepared = prepared_scan(cell, 2)
+    with (
+        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+        cell.run(prepared, writer, RecordingListener()) as views,
+    ):
+        assert len(list(views)) == 2
+        assert list(views) == []
+
+
+def test_an_error_after_the_last_view_does_not_stop_the_cell(cell: Cell, tmp_path: Path) -> None:
+    def refused(prepared: PreparedScan) -> None:
+        with (
+            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+            cell.run(prepared, writer, RecordingListener()) as views,
+        ):
+            list(views)
+            views.wait()
+            raise ZeroDivisionError
+
+    prepared = prepared_scan(cell, 2)
+    with pytest.raises(ZeroDivisionError):
+        refused(prepared)
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
+    assert cell.status.state == "ready"
+
+
+def test_planning_does_not_clear_a_fault(cell: Cell) -> None:
+    admin = controller(cell)
+    admin.protective_stop()
+    # The watch checks the idle arm while another thread plans.
+    deadline = time.monotonic() + 30
+    while cell.status.state == "ready":
+        cell.plan(2)
+        assert time.monotonic() < deadline
+    for _ in range(3):
+        cell.plan(2)
+    admin.close()
+    assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
+    assert cell.status.arm_state is not None
+    assert cell.status.arm_state.safety_mode == "protective_stop"
+
+
+def test_a_fault_since_the_preparation_must_be_acknowledged_before_the_run(cell: Cell, tmp_path: Path) -> None:
+    with closing(controller(cell)) as admin:
+        prepared = prepared_scan(cell, 2)
+        statuses: list[str] = []
+        cell.on_status(lambda status: statuses.append(status.state))
+        admin.protective_stop()
+        wait_for_fault(cell)
+        before = controller_q(cell)
+        with pytest.raises(AcknowledgeRequiredError, match="protective stop"):
+            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
+        assert statuses == ["fault"]  # the cell was never busy
+        assert cell.status.slug == "protective-stop"
+        np.testing.assert_array_equal(controller_q(cell), before)
+
+
+def test_a_camera_without_images_fails_the_scan_with_the_arm_at_home(cell: Cell, tmp_path: Path) -> None:
+    prepared = prepared_scan(cell, 4)
+    cell.camera.fault("zero")
+    listener = RecordingListener()
+    with pytest.raises(MissingViewsError, match="0 views were taken, 4 are needed"):
+        scan(cell, tmp_path / "scan.mcap", listener, prepared)
+    assert set(listener.reasons) == set(range(4))
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
+
+
+def test_a_stop_after_planning_prevents_the_move(cell: Cell, tmp_path: Path) -> None:
+    prepared = prepared_scan(cell)
+    before = controller_q(cell)
+    cell.stop()
+    with pytest.raises(StoppedError):
+        scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
+    np.testing.assert_array_equal(controller_q(cell), before)
+    assert cell.status.slug == "stopped"
+    cell.connect()
+    assert cell.status.state == "ready"
+
+
+def test_after_a_stop_at_home_the_cell_does_not_become_ready(cell: Cell, tmp_path: Path) -> None:
+    prepared, changes = prepared_scan(cell, 2), []
+    with (
+        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+        cell.run(prepared, writer, RecordingListener()) as views,
+    ):
+        assert len(list(views)) == 2
+        views.wait()
+        cell.on_status(lambda status: changes.append((status.state, status.slug)))
+        cell.stop()
+    assert changes == [("not_ready", "stopped")]
+    cell.connect()
+
+
+def test_a_request_older_than_a_stop_is_refused_and_changes_nothing(cell: Cell) -> None:
+    requested_s = time.monotonic()
+    cell.stop()
+    cell.connect()
+    with pytest.raises(StoppedError, match="stopped after this request"):
+        cell.prepare_scan(2, requested_s)
+    assert cell.status.state == "ready"
+    prepared_scan(cell, 2)
+
+
+def test_a_fault_on_the_move_home_is_kept_if_views_are_missing(cell: Cell, tmp_path: Path) -> None:
+    """With too few views the arm still moves home. A fault of that move is the more important error."""
+    prepared = prepared_scan(cell, 4)
+    cell.camera.fault("zero")
+    with closing(controller(cell)) as admin:
+
+        def lost(_: int) -> None:
+            if len(listener.reasons) == len(prepared.plan.viewpoints):
+                admin.protective_stop(at_share=0.5)  # of the next move
+
+        listener = RecordingListener(on_missing=lost)
+        with pytest.raises(MissingViewsError):
+            scan(cell, tmp_path / "scan.mcap", listener, prepared)
+    assert (cell.status.state, cell.status.slug) == ("fault", "protective-stop")
+
+
+def test_a_plan_is_refused_if_the_arm_has_moved(cell: Cell, tmp_path: Path) -> None:
+    prepared = prepared_scan(cell, 2)
+    admin = controller(cell)
+    # A person turns the base at the pendant. Then the cell is connected again.
+    admin.foreign_program()
+    admin.reset(prepared.plan.start_q_rad + [1.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    # The test connects only after the watch of the idle arm has detected the other program.
+    deadline = time.monotonic() + 20.0
+    while cell.status.state == "ready":
+        assert time.monotonic() < deadline, "timeout"
+        time.sleep(0.02)
+    cell.connect()
+    begin = admin.state().events
+    with pytest.raises(RobotNotReadyError, match="moved after its path was planned"):
+        scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
+    assert not [event for event in admin.log(begin) if event["kind"] == "motion_start"]
+    admin.close()
+    assert len(scan(cell, tmp_path / "another.mcap", RecordingListener(), prepared_scan(cell, 2))) == 2
+
+
+def test_an_interrupted_scan_stops_the_arm(cell: Cell, tmp_path: Path) -> None:
+    def interrupted(prepared: PreparedScan) -> None:
+        with (
+            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+            cell.run(prepared, writer, RecordingListener()) as views,
+        ):
+            next(iter(views))
+            raise KeyboardInterrupt
+
+    prepared = prepared_scan(cell)
+    with closing(controller(cell)) as admin, slow(cell, 0.1):  # an arm that was not stopped would still be moving
+        begin = admin.state().events
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(prepared)
+        assert not admin.state().moving
+        moves = [event for event in admin.log(begin) if event["kind"] == "motion_start"]
+        assert len(moves) < len(prepared.plan.legs)
+    assert len(read_recording(tmp_path / "scan.mcap").views) >= 1
+
+
+def test_a_stop_of_one_cell_does_not_affect_another(cell: Cell, tmp_path: Path) -> None:
+    with opened(simulated()) as other:
+        prepared = [prepared_scan(each, 2) for each in (cell, other)]
+        assert cell.controller_host != other.controller_host
+        cell.stop()
+        assert len(scan(other, tmp_path / "other.mcap", RecordingListener(), prepared[1])) == 2
+        assert cell.status.slug == "stopped"
+
+
 def test_a_failed_restart_of_the_controller_does_not_leave_the_cell_busy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise ControllerStartError("all addresses are taken")
 
-    with opened(simulated()) as cell:
-        prepared = prepared_scan(cell, 2)
-        equipment = cell._equipment
-        assert equipment.controller is not None
-        os.kill(equipment.controller.pid, signal.SIGKILL)
-        wait_for_end(equipment.controller)
-        monkeypatch.setattr("cell.control.equipment.start_controller", refuse)
-        with pytest.raises(RobotUnreachableError, match="all addresses are taken"):
-            scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
-        assert cell.status.state != "busy"
+    prepared = prepared_scan(cell, 2)
+    equipment = cell._equipment
+    assert equipment.controller is not None
+    os.kill(equipment.controller.pid, signal.SIGKILL)
+    wait_for_end(equipment.controller)
+    monkeypatch.setattr("cell.control.equipment.start_controller", refuse)
+    with pytest.raises(RobotUnreachableError, match="all addresses are taken"):
+        scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared)
+    assert cell.status.state != "busy"
 
 
 def wait_for_end(controller: RunningController) -> None:
