@@ -1,6 +1,8 @@
-"""Options of the tests on pytest's command line, and signals of the processes that tests start."""
+"""Options of the tests on pytest's command line, signals of the processes that tests start, garbage collection."""
 
+import gc
 import signal
+from collections.abc import Iterator
 
 import pytest
 
@@ -19,3 +21,17 @@ def pytest_configure() -> None:
     """Let Ctrl-C reach the processes that tests start: what a shell starts in the background ignores it."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Exclude the collected tests and their modules from garbage collection: they stay until the end.
+
+    Garbage collection would take 8 % of the CPU time of the tests, because it visits these 500,000 objects each time.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
