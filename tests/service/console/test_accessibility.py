@@ -49,8 +49,8 @@ def test_every_screen_is_accessible(
         page.keyboard.press(key)
         expect(page.get_by_role("main")).to_contain_text(done)
         if key == "2":
-            page.get_by_role("button", name="fingers").first.click()
             page.get_by_label("Height map").check()
+            page.get_by_role("button", name="fingers").first.click()
             expect(page.get_by_role("main")).to_contain_text("Height above the table")
         if key == "3":
             page.get_by_role("list", name="Scans, the newest first").get_by_role("button").first.click()

@@ -10,8 +10,6 @@ import type { Reach } from "./use_reach";
 
 /** Recognition measures clearances only up to this distance. */
 export const MAX_CLEARANCE_M = 0.03;
-/** Where the picture is beside the lists and stays visible while they scroll, as in result.css. */
-const BESIDE = "not all and (max-width: 62rem)";
 
 interface SelectedGraspProps {
   grasp: Grasp;
@@ -25,7 +23,8 @@ interface SelectedGraspProps {
 export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProps) {
   const section = useRef<HTMLElement>(null);
   useEffect(() => {
-    if (picked && matchMedia(BESIDE).matches) section.current?.scrollIntoView({ block: "nearest" });
+    // Above the lists, the picture would scroll away; as in result.css.
+    if (picked && !matchMedia("(max-width: 62rem)").matches) section.current?.scrollIntoView({ block: "nearest" });
   }, [picked]);
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);
