@@ -23,6 +23,9 @@ MAX_PIXELS = 450_000
 MAX_EXTENT_M = 1.5
 """Maximum extent of the layer of one view along x and along y, metres, about the point of the table that the camera
 looks at."""
+MAX_MAP_M = 3.0
+"""Maximum extent of the height map along x and along y, metres, about the median of its layers. Views that look
+elsewhere are cut off, since the map of two distant places would fill the memory."""
 MIN_DOWNWARD_COSINE = 0.1
 """Minimum cosine of the angle between the optical axis and the vertical for which the camera looks at the table."""
 
@@ -161,6 +164,10 @@ def merge_layers(layers: Sequence[HeightLayer], T_registration: Mapping[int, NDA
         return NO_HEIGHTS
     begin = np.min([layer.first for layer in layers], axis=0)
     end = np.max([np.add(layer.first, layer.z_m.shape) for layer in layers], axis=0)
+    size = round(MAX_MAP_M / CELL_M)
+    middle = np.median([np.add(layer.first, np.array(layer.z_m.shape) // 2) for layer in layers], axis=0)
+    begin = np.where(end - begin > size, np.maximum(begin, middle.astype(np.int64) - size // 2), begin)
+    end = np.minimum(end, begin + size)
     rows, columns = ((np.arange(a, b) + 0.5) * CELL_M for a, b in zip(begin, end, strict=True))
     stack = np.full((len(rows), len(columns), len(layers)), np.nan, dtype=np.float32)
     for number, layer in enumerate(layers):

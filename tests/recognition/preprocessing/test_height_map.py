@@ -16,6 +16,7 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import (
     CELL_M,
     MAX_EXTENT_M,
+    MAX_MAP_M,
     HeightLayer,
     HeightMap,
     height_layer,
@@ -125,3 +126,15 @@ def test_peaks_are_the_highest_points_of_blocks() -> None:
     expected = [[0.1 + 4.5 * CELL_M, -0.2 + 4.5 * CELL_M, 0.36], [0.1 + 12.5 * CELL_M, -0.2 + 7.5 * CELL_M, 0.34]]
     np.testing.assert_allclose(peaks, expected, rtol=0, atol=1e-7)
     assert HeightMap(0.1, -0.2, CELL_M, z).peaks(0.4, 0.01).shape == (0, 3)
+
+
+def test_views_of_distant_places_do_not_make_a_large_map() -> None:
+    """Three views look at one place and one looks 10 km farther: the map of both would need terabytes."""
+    layer = HeightLayer(0, (100, -200), np.full((300, 300), 0.01, dtype=np.float32))
+    layers = [replace(layer, view=view) for view in range(3)] + [replace(layer, view=3, first=(5_000_100, -200))]
+    heights = merge_layers(layers, {view: np.eye(4) for view in range(4)})
+    assert max(heights.z_m.shape) * CELL_M <= MAX_MAP_M
+    near = merge_layers(layers[:3], {view: np.eye(4) for view in range(3)})
+    i, j = (round((a - b) / CELL_M) for a, b in ((near.x_m, heights.x_m), (near.y_m, heights.y_m)))
+    rows, columns = near.z_m.shape
+    np.testing.assert_array_equal(heights.z_m[i : i + rows, j : j + columns], near.z_m)
