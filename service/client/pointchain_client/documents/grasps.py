@@ -17,12 +17,12 @@ class GraspList:
     total: int
     """Number of grasps of the model."""
     T_flange_tcp: Pose
-    """(4, 4) pose of the tool centre point on the flange: midway between the ends of the fingertips, z out of the
-    gripper, x along the closing direction."""
+    """(4, 4) pose of the tool centre point on the flange. It is midway between the ends of the fingertips, with z out of
+    the gripper and x along the closing direction."""
     q_home_rad: Joints | None
     """(6,) joint angles of the posture from which the reach is determined, radians. None if no reach was determined."""
     grasps: tuple[Grasp, ...]
-    """The grasps in the order of the model: first the best of each cluster, then all others."""
+    """The grasps in the order of the model, first the best of each cluster, then all others."""
 
     @property
     def reachable(self) -> tuple[Grasp, ...]:
