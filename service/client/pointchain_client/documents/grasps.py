@@ -17,8 +17,8 @@ class GraspList:
     total: int
     """Number of grasps of the model."""
     T_flange_tcp: Pose
-    """(4, 4) pose of the tool centre point on the flange. It is midway between the ends of the fingertips, with z out of
-    the gripper and x along the closing direction."""
+    """(4, 4) pose of the tool centre point on the flange. It is midway between the ends of the fingertips, with z out
+    of the gripper and x along the closing direction."""
     q_home_rad: Joints | None
     """(6,) joint angles of the posture from which the reach is determined, radians. None if no reach was determined."""
     grasps: tuple[Grasp, ...]
