@@ -11,7 +11,7 @@ from starlette.staticfiles import StaticFiles
 
 from cell.control.cell import Cell
 from service.api.dependencies import Context
-from service.api.image_cache import ImageCache
+from service.api.images.image_cache import ImageCache
 from service.api.openapi import format_json, operation_id, refine_openapi
 from service.api.problem_handlers import install_problem_handlers
 from service.api.response_cache import ResponseCache

@@ -7,7 +7,7 @@ from anyio import CapacityLimiter
 from fastapi import Depends, Path, Query, Request
 
 from cell.control.cell import Cell
-from service.api.image_cache import ImageCache
+from service.api.images.image_cache import ImageCache
 from service.api.response_cache import ResponseCache
 from service.config.loader import ServiceConfig
 from service.events.stream_slots import StreamSlots

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 
 from service.api.dependencies import Context, Id, Scan, Service, find_scan
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, matches, not_modified_response, stat_file
-from service.api.height_colours import colour_heights
+from service.api.images.height_colours import colour_heights
 from service.api.problem_responses import problem_responses
 from service.api.result_files import damaged, hash_and_size, result_path
 from service.api.routes.recordings import BINARY

@@ -19,7 +19,7 @@ from service.api.file_responses import (
     send_file,
     stat_file,
 )
-from service.api.image_cache import shrink_image
+from service.api.images.image_cache import shrink_image
 from service.api.problem_responses import problem_responses
 from service.api.result_files import hash_and_size, read_model, result_path
 from service.api.routes import recordings

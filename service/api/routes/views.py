@@ -8,8 +8,8 @@ from fastapi import Path as InPath
 
 from cell.recording.view_reader import read_poses, read_view
 from service.api.dependencies import Context, Id, Service, find_scan
-from service.api.depth_image import draw_depth
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch
+from service.api.images.depth_image import draw_depth
 from service.api.problem_responses import RECORDING, problem_responses
 from service.api.response_cache import json_response
 from service.api.routes.recordings import BINARY, require_recording_file

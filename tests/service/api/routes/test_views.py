@@ -10,7 +10,7 @@ import httpx2
 import pytest
 
 from cell.recording import RecordingWriter, read_recording
-from service.api.image_cache import MAX_IMAGES
+from service.api.images.image_cache import MAX_IMAGES
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan

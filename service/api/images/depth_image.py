@@ -9,7 +9,7 @@ import numpy as np
 
 from cell.devices import View
 from cell.recording.header import RecordingHeader
-from service.api.height_colours import colour_heights
+from service.api.images.height_colours import colour_heights
 
 MAX_SIZE_PX = 480
 """Largest width and height of the image, which the console shows beside seven others."""

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording.header import RecordingHeader
-from service.api.depth_image import MAX_SIZE_PX, draw_depth
-from service.api.height_colours import MAX_HEIGHT_M, MIN_HEIGHT_M
+from service.api.images.depth_image import MAX_SIZE_PX, draw_depth
+from service.api.images.height_colours import MAX_HEIGHT_M, MIN_HEIGHT_M
 
 TABLE_Z_M = 0.1
 HEADER = RecordingHeader(1e-4, None, np.eye(4), table_z_m=TABLE_Z_M)

@@ -1,0 +1,1 @@
+"""Images that are drawn on request, and their cache."""
