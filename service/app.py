@@ -23,7 +23,6 @@ from service.api.routes import (
     events,
     grasps,
     health,
-    height_map,
     manual,
     recordings,
     results,
@@ -112,7 +111,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     install_problem_handlers(app)
     # Starlette matches routes in this order, so the most frequent ones come first.
     for resource in (
-        *(scans, cell, results, grasps, views, height_map, recordings, calibration, events, session, health),
+        *(scans, cell, results, grasps, views, recordings, calibration, events, session, health),
         metrics_route,
     ):
         app.include_router(resource.router)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import unit_vectors
 from recognition.grasping.gripper import Gripper
-from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing
+from recognition.model.chains import Chain, ChainInterpolator, Crossing, passes_below
 from recognition.parameters import ChainParameters
 
 STEP_M = 0.005
@@ -64,9 +64,11 @@ def find_candidates(
     first, last = (0.0, length) if chain.closed else (half, length - half)
     count = int(np.clip(np.floor((last - first + ROUNDING_M) / STEP_M) + 1, 1, MAX_POSITIONS_PER_CHAIN))
     s = np.linspace(first, last, count, endpoint=not chain.closed)
+    passes = [p.s_m for x in crossings for p in (x.over, x.under) if p.chain == chain.id]
+    below = [p.s_m for p, _ in passes_below(chain, crossings)]
     window = s[:, None] + np.linspace(-half, half, 9)
     n_views = line(window, chain.views.astype(np.float64)).min(axis=1)
-    margin = _distance_to_lower_passes(line, s, crossings) - half - parameters.r_cn / parameters.r * r
+    margin = line.nearest_distance(s, below) - half - parameters.r_cn / parameters.r * r
 
     point = line(s, chain.points)
     h = max(half, r)
@@ -80,7 +82,7 @@ def find_candidates(
     opening = 2 * (r + 2 * sigma + bend) + gripper.opening_margin_m
 
     to_end = np.full(count, np.inf) if chain.closed else np.minimum(s, length - s) - half
-    to_nearest = np.minimum(to_end, _distance_to_passes(line, s, crossings))
+    to_nearest = np.minimum(to_end, line.nearest_distance(s, passes))
     score = np.minimum(n_views / FULL_SCORE_VIEWS, 1) * (
         0.5 + 0.5 * np.clip(to_nearest / MAX_RELEVANT_DISTANCE_M, 0, 1)
     )
@@ -104,20 +106,3 @@ def find_candidates(
     reasons = "; ".join(f"{number} are {reason}" for number, reason in counts if number)
     candidates = GraspCandidates(s[suitable], point[suitable], direction[suitable], opening[suitable], score[suitable])
     return candidates, f"of {count} positions along it, {reasons}"
-
-
-def _distance_to_passes(
-    line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
-) -> NDArray[np.float64]:
-    """Return the distances (N,) along the chain from `s` (N,) to the nearest crossing pass, metres; inf for no pass."""
-    passes = [p.s_m for x in crossings for p in (x.over, x.under) if p.chain == line.chain.id]
-    return np.min([np.full(len(s), np.inf), *(line.distance(s, t) for t in passes)], axis=0)
-
-
-def _distance_to_lower_passes(
-    line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
-) -> NDArray[np.float64]:
-    """Return the distances (N,) from `s` (N,) to the nearest pass where the chain is or may be the lower strand."""
-    passes = [x.under for x in crossings] + [x.over for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
-    distances = [line.distance(s, p.s_m) for p in passes if p.chain == line.chain.id]
-    return np.min([np.full(len(s), np.inf), *distances], axis=0)

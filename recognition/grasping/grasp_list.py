@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from recognition.grasping.flange_poses import LIFT_M, flange_poses
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.obstacles import ObjectPoints, Obstacles
-from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing
+from recognition.model.chains import Chain, ChainInterpolator, Crossing, passes_below
 from recognition.model.grasps import Grasp, GraspMotion
 
 CLUSTER_M = 0.02
@@ -103,10 +103,11 @@ def _describe(
     end = np.full(len(s), np.inf) if chain.closed else np.minimum(s, length - s)
     over = [x.over.s_m for x in crossings if x.over.chain == chain.id]
     under = [x.under.s_m for x in crossings if x.under.chain == chain.id]
-    to_over, to_under = _nearest(line, s, over), _nearest(line, s, under)
-    passes = _passes_below(chain, crossings)
+    to_over, to_under = line.nearest_distance(s, over), line.nearest_distance(s, under)
+    passes = passes_below(chain, crossings)
+    is_lifted = np.array([line.distance(s, below.s_m) <= LIFT_M for below, _ in passes], dtype=np.bool_)
     above = [
-        tuple(sorted({number for s_m, number in passes if line.distance(s[k : k + 1], s_m)[0] <= LIFT_M}))
+        tuple(sorted({other.chain for (_, other), lifted in zip(passes, is_lifted, strict=True) if lifted[k]}))
         for k in range(len(s))
     ]
     object_above = _object_above(line, s, objects)
@@ -122,18 +123,6 @@ def _describe(
         )
         for k, grasp in enumerate(grasps)
     ]
-
-
-def _nearest(line: ChainInterpolator, s: NDArray[np.float64], passes: Sequence[float]) -> NDArray[np.float64]:
-    """Return the distances (N,) along the chain from `s` (N,) to the nearest of the passes, metres; inf for none."""
-    return np.min([np.full(len(s), np.inf), *(line.distance(s, s_m) for s_m in passes)], axis=0)
-
-
-def _passes_below(chain: Chain, crossings: Sequence[Crossing]) -> list[tuple[float, int]]:
-    """Return where the chain lies, or may lie, under another strand: the arc length, and the id of the other chain."""
-    pairs = [(x.under, x.over) for x in crossings]
-    pairs += [(x.over, x.under) for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
-    return [(below.s_m, above.chain) for below, above in pairs if below.chain == chain.id]
 
 
 def _object_above(line: ChainInterpolator, s: NDArray[np.float64], objects: ObjectPoints) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """Chains, positions on chains, and crossings. Metres and radians, base frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -118,3 +119,20 @@ class ChainInterpolator:
         """
         distance = np.abs(s - t)
         return np.minimum(distance, self.chain.length_m - distance) if self.chain.closed else distance
+
+    def nearest_distance(self, s: NDArray[np.float64], positions: Sequence[float]) -> NDArray[np.float64]:
+        """Return the distances along the chain from the arc lengths `s` (N,) to the nearest of some positions, metres.
+
+        Without a position, the distances are infinite.
+        """
+        return np.min([np.full(len(s), np.inf), *(self.distance(s, t) for t in positions)], axis=0)
+
+
+def passes_below(chain: Chain, crossings: Sequence[Crossing]) -> list[tuple[StrandPoint, StrandPoint]]:
+    """Return where a chain is, or may be, the lower strand of a crossing: its position, and that of the other strand.
+
+    At a crossing with less than `MIN_CERTAIN_CONFIDENCE`, either strand may be the lower one.
+    """
+    pairs = [(x.under, x.over) for x in crossings]
+    pairs += [(x.over, x.under) for x in crossings if x.confidence < MIN_CERTAIN_CONFIDENCE]
+    return [(below, above) for below, above in pairs if below.chain == chain.id]

@@ -7,8 +7,11 @@ from typing import Any
 from recognition.errors import ModelError
 from recognition.model.model import PointChainModel
 from service.api.dependencies import Context
+from service.api.file_responses import stat_file
 from service.problems.problem_error import ProblemError
+from service.processing.height_map_file import HeightMapError, StoredHeightMap, read_npz
 from service.states import ACTIVE_STATES, RESULT_STATES
+from service.storage.data_folder import HEIGHT_MAP
 from service.storage.rows import ScanRow
 
 
@@ -51,3 +54,29 @@ def damaged(path: Path, scan: ScanRow, error: Exception) -> ProblemError:
     """Return the problem of a file of a result that cannot be used."""
     message = f"{path.name} of scan {scan.id} cannot be read ({error}): run `pointchain doctor`"
     return ProblemError("damaged", message, file=path.name)
+
+
+def tag_of_height_map(scan: ScanRow, service: Context) -> str:
+    """Return the entity tag of the file of a height map.
+
+    Raises:
+        ProblemError: `no-result`, `result-not-ready`: There is none. `damaged`: It is gone, or has another size.
+    """
+    path = result_path(scan, service, HEIGHT_MAP)
+    if HEIGHT_MAP not in (scan.files or {}):
+        reason = "no string was in view, or an earlier release made the result"
+        raise ProblemError("no-result", f"scan {scan.id} has no height map: {reason}", scan=scan.id)
+    return stat_file(path, **hash_and_size(scan, HEIGHT_MAP))[1]
+
+
+def read_height_map(scan: ScanRow, service: Context) -> StoredHeightMap:
+    """Return the height map of a scan.
+
+    Raises:
+        ProblemError: `no-result`, `result-not-ready`: There is none. `damaged`: Its file cannot be read.
+    """
+    path = result_path(scan, service, HEIGHT_MAP)
+    try:
+        return read_npz(path)
+    except (HeightMapError, OSError) as error:
+        raise damaged(path, scan, error) from error

@@ -26,7 +26,7 @@ class StoredHeightMap:
     table_z_m: float
     """Height of the table plane, metres, base frame."""
     min_object_height_m: float
-    """Minimum height of an object above the table that is not noise, metres."""
+    """Minimum height above the table of an object that is not noise, metres."""
 
 
 def to_npz(stored: StoredHeightMap) -> bytes:

@@ -3,11 +3,14 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Annotated, Any
 
+import numpy as np
 from anyio import to_thread
 from fastapi import APIRouter, Query, Response
 from fastapi.exceptions import RequestValidationError
+from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.storage.hand_eye_file import HandEye
@@ -19,8 +22,7 @@ from service.api.dependencies import Context, Id, Service, find_scan
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, matches, not_modified_response, stat_file
 from service.api.problem_responses import problem_responses
 from service.api.response_cache import json_response
-from service.api.result_files import damaged, hash_and_size, result_path
-from service.api.routes.height_map import read_height_map
+from service.api.result_files import damaged, hash_and_size, read_height_map, result_path
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.calibration_resources import usable_hand_eye
 from service.api.schemas.grasps import GraspsDocument, ListedGrasp
@@ -204,8 +206,7 @@ def _check(choice: _Choice, closed: dict[int, bool]) -> None:
 
 
 def _without_reach(selection: _Selection, choice: _Choice) -> GraspsDocument:
-    documents = selection.grasps[: choice.count]
-    grasps = [ListedGrasp.of(document, document.to_grasp(), None, selection.gripper) for document in documents]
+    grasps = [ListedGrasp.of(document, None, selection.gripper) for document in selection.grasps[: choice.count]]
     return _document(selection, grasps, None)
 
 
@@ -216,28 +217,22 @@ def _with_reach(selection: _Selection, choice: _Choice, service: Context, hand_e
     if HEIGHT_MAP in (scan.files or {}):
         stored = read_height_map(scan, service)
         heights = stored.heights, stored.table_z_m
-    documents = {document.id: document for document in selection.grasps}
-    grasps = []
-    candidates = [document.to_grasp() for document in selection.grasps]
-    if choice.reachable is None:
-        candidates = candidates[: choice.count]
-    for grasp, reach in finder.find(scan.id, candidates, gripper, hand_eye, heights):
-        if choice.reachable is None or reach.reachable == choice.reachable:
-            grasps.append(ListedGrasp.of(documents[grasp.id], grasp, reach, gripper))
-        if len(grasps) == choice.count:
-            break
-    return _document(selection, grasps, tuple(finder.home_q_rad(hand_eye).round(9).tolist()))
-
-
-def _document(selection: _Selection, grasps: list[ListedGrasp], q_home_rad: Any) -> GraspsDocument:
-    return GraspsDocument(
-        schema="pointchain/2",
-        frame="base",
-        total=selection.total,
-        T_flange_tcp=(T_flange_tcp(selection.gripper).round(9) + 0.0).tolist(),
-        q_home_rad=q_home_rad,
-        grasps=grasps,
+    candidates = selection.grasps if choice.reachable is not None else selection.grasps[: choice.count]
+    found = finder.find(scan.id, [document.to_grasp() for document in candidates], gripper, hand_eye, heights)
+    matching = (
+        ListedGrasp.of(document, reach, gripper)
+        for document, (_, reach) in zip(candidates, found, strict=True)
+        if choice.reachable is None or reach.reachable == choice.reachable
     )
+    return _document(selection, list(islice(matching, choice.count)), finder.home_q_rad(hand_eye))
+
+
+def _document(
+    selection: _Selection, grasps: list[ListedGrasp], q_home_rad: NDArray[np.float64] | None
+) -> GraspsDocument:
+    T = T_flange_tcp(selection.gripper).round(9) + 0.0  # no -0.0
+    values = {"total": selection.total, "T_flange_tcp": T.tolist(), "q_home_rad": q_home_rad, "grasps": grasps}
+    return GraspsDocument.model_validate({"schema": "pointchain/2", "frame": "base"} | values)
 
 
 def _invalid(name: str, message: str) -> RequestValidationError:

@@ -19,11 +19,14 @@ from service.api.file_responses import (
     send_file,
     stat_file,
 )
+from service.api.images.height_image import draw_heights
 from service.api.images.image_cache import shrink_image
 from service.api.problem_responses import problem_responses
-from service.api.result_files import hash_and_size, read_model, result_path
+from service.api.response_cache import json_response
+from service.api.result_files import hash_and_size, read_height_map, read_model, result_path, tag_of_height_map
 from service.api.routes import recordings
 from service.api.schemas.addresses import SCANS
+from service.api.schemas.scans import HeightMapDocument, height_map_document
 from service.problems.problem_error import ProblemError
 from service.processing.worker import PREVIEW_TIMEOUT_S
 from service.storage.data_folder import CLOUD, MODEL, PREVIEW
@@ -76,6 +79,38 @@ async def get_model(
 def get_cloud(scan: Scan, service: Service, if_none_match: IfNoneMatch) -> Response:
     """Return the merged cloud as binary PLY, in metres, in the base frame."""
     return _send(scan, service, CLOUD, PLY, if_none_match, f"{scan.id}.ply")
+
+
+@router.get("/{id}/height-map", response_model=HeightMapDocument, responses=FILE_RESPONSES)
+def get_height_map(scan: Scan, service: Service, if_none_match: IfNoneMatch) -> Response:
+    """Return the height of the table and of all that lies on it, in cells of 2 mm.
+
+    A planner uses it to keep its own motions clear of what lies on the table. The grasps keep clear of it already.
+    Scans without a string have no height map.
+    """
+    etag = f'{tag_of_height_map(scan, service)[:-1]}-json"'
+    if matches(if_none_match, etag):
+        return not_modified_response(etag)
+    return json_response(height_map_document(read_height_map(scan, service)), headers={"ETag": etag})
+
+
+@router.get("/{id}/height-map.png", response_class=Response, responses=_file("image/png") | FILE_RESPONSES)
+async def get_height_map_image(id: Id, service: Service, if_none_match: IfNoneMatch) -> Response:  # noqa: A002 (the path's own name)
+    """Return an image of the height map, with one pixel for each cell: x to the right, y up.
+
+    The colours go from blue, 3 mm below the table, to yellow, 27 mm above it. Unmeasured cells are transparent.
+    """
+
+    def find() -> tuple[ScanRow, str]:
+        scan = find_scan(id, service)
+        return scan, tag_of_height_map(scan, service)
+
+    scan, tag = await service.response_cache.get(("height map", id), find)
+
+    def draw() -> bytes:
+        return draw_heights(read_height_map(scan, service))
+
+    return await service.image_cache.respond(("height map", id, tag), if_none_match, draw)
 
 
 @router.get("/{id}/preview.png", response_class=FileResponse, responses=_file("image/png") | FILE_RESPONSES)

@@ -1,22 +1,30 @@
 """JSON document of the grasps of a scan, with their reach by the configured cell. Metres, radians, base frame."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from cell.planning.grasp_reach import GraspReach, ReachReason
 from recognition.grasping.flange_poses import FlangePoses, flange_poses
 from recognition.grasping.gripper import Gripper
 from recognition.model.document import GraspDocument, GraspMotionDocument, Row
-from recognition.model.grasps import Grasp, GraspMotion
+from recognition.model.grasps import GraspMotion
 from service.api.schemas.base import ApiModel
 
 Pose = tuple[Row, Row, Row, Row]
-Joints = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(tuple)]
-"""Joint angles, radians."""
 ANGLE_DECIMALS = 9
-"""Decimals of joint angles. The flange is then within a nanometre."""
+"""Decimals of joint angles. The flange is then within some nanometres."""
+
+
+def _rounded(q_rad: Any) -> Any:
+    """Round an array of joint angles. Other values stay as they are."""
+    return tuple(q_rad.round(ANGLE_DECIMALS).tolist()) if isinstance(q_rad, np.ndarray) else q_rad
+
+
+Joints = Annotated[tuple[float, float, float, float, float, float], BeforeValidator(_rounded)]
+"""Joint angles, radians."""
 
 
 class ReachDocument(ApiModel):
@@ -42,23 +50,6 @@ class ReachDocument(ApiModel):
     message: str | None
     """The reason for people, or null."""
 
-    @classmethod
-    def of(cls, reach: GraspReach) -> "ReachDocument":
-        """Return the document of a reach."""
-        pregrasp, grasp = (
-            None if q is None else tuple(q.round(ANGLE_DECIMALS).tolist())
-            for q in (reach.q_pregrasp_rad, reach.q_grasp_rad)
-        )
-        return cls(
-            reachable=reach.reachable,
-            q_pregrasp_rad=pregrasp,
-            q_grasp_rad=grasp,
-            turned=reach.turned,
-            path_free=reach.path_free,
-            reason=reach.reason,
-            message=reach.message,
-        )
-
 
 class ListedGrasp(GraspDocument):
     """A grasp of the model, with its reach."""
@@ -67,13 +58,15 @@ class ListedGrasp(GraspDocument):
     """Whether the arm can carry it out. Null if that was not determined."""
 
     @classmethod
-    def of(cls, document: GraspDocument, grasp: Grasp, reach: GraspReach | None, gripper: Gripper) -> "ListedGrasp":
+    def of(cls, document: GraspDocument, reach: GraspReach | None, gripper: Gripper) -> "ListedGrasp":
         """Return a grasp with its reach. Its flange poses are those of the joint angles."""
         values = document.model_dump(by_alias=True)
         if reach is not None:
+            grasp = document.to_grasp()
             poses = flange_poses(grasp.T_base_grasp[None], [grasp.reach_m], gripper)
             values["T_base_flange"] = _motion(poses.turned() if reach.turned else poses)
-        return cls.model_validate(values | {"reach": None if reach is None else ReachDocument.of(reach)})
+        document_of_reach = None if reach is None else ReachDocument.model_validate(reach, from_attributes=True)
+        return cls.model_validate(values | {"reach": document_of_reach})
 
 
 def _motion(poses: FlangePoses) -> GraspMotionDocument:

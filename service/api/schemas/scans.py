@@ -5,6 +5,7 @@ The document of the point chain model is defined in `recognition.model.document`
 
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
 from recognition.model.document import FindingDocument
@@ -13,6 +14,7 @@ from recognition.model.trust import Verdict
 from recognition.parameters import R_MAX, R_MIN
 from service.api.schemas.base import ApiModel
 from service.api.schemas.problem import Problem
+from service.processing.height_map_file import StoredHeightMap
 from service.states import ID_PATTERN, ScanState, ViewState
 
 Id = Annotated[str, Field(pattern=ID_PATTERN, examples=["20260102t030405-678901-9f86d081"])]
@@ -256,3 +258,38 @@ class ScanList(ApiModel):
     scans: list[ScanResource]
     next: str | None
     """Address of the next page, with the same filters. Null on the last page."""
+
+
+class HeightMapDocument(ApiModel):
+    """Height of the table and of all that lies on it, in square cells, as the median of the views."""
+
+    frame: Literal["base"]
+    """The frame of all positions and heights: the base of the robot."""
+    x_m: float
+    """Position of the first edge of the first cell along x."""
+    y_m: float
+    """The same along y."""
+    cell_m: float
+    """Edge length of the cells. Cell (i, j) begins at x_m + i cell_m, y_m + j cell_m."""
+    table_z_m: float
+    """Height of the table plane."""
+    min_object_height_m: float
+    """Minimum height above the table of an object that is not noise."""
+    z_m: list[list[float | None]]
+    """Height of the surface in each cell, as z_m[i][j]. Null where no view measured it."""
+
+
+def height_map_document(stored: StoredHeightMap) -> HeightMapDocument:
+    """Return the document of a height map. Heights are rounded to a tenth of a millimetre, less than their noise."""
+    heights = stored.heights
+    z_m = (heights.z_m.astype(np.float64).round(4) + 0.0).astype(object)
+    z_m[np.isnan(heights.z_m)] = None
+    return HeightMapDocument.model_construct(  # not checked again: there are some 100,000 cells
+        frame="base",
+        x_m=round(heights.x_m, 6),
+        y_m=round(heights.y_m, 6),
+        cell_m=round(heights.cell_m, 6),
+        table_z_m=round(stored.table_z_m, 6),
+        min_object_height_m=round(stored.min_object_height_m, 6),
+        z_m=z_m.tolist(),
+    )

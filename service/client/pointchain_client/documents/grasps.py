@@ -45,6 +45,6 @@ class HeightMap:
     table_z_m: float
     """Height of the table plane, metres."""
     min_object_height_m: float
-    """Height above the table from which an object is told from the noise of the table, metres."""
+    """Minimum height above the table of an object that is not noise, metres."""
     z_m: Heights
     """(M, N) height in each of M cells along x and N cells along y, metres. NaN where no view measured it."""

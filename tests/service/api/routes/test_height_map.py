@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from service.api.response_cache import MAX_AGE_S
-from service.api.schemas.height_map import HeightMapDocument
+from service.api.schemas.scans import HeightMapDocument
 from service.storage.data_folder import HEIGHT_MAP
 from tests.service.conftest import ServedClient
 
