@@ -80,7 +80,7 @@ class GraspReach:
     """Joint angles (6,) at the pre-grasp, or None if it is not reachable."""
     q_grasp_rad: NDArray[np.float64] | None
     """Joint angles (6,) at the grasp, in the same branch, or None. Go there by a straight line of the flange (moveL): a
-    straight line in joint space is up to 2 mm beside it."""
+    straight line in joint space is up to 3 mm beside it."""
     turned: bool
     """Whether the gripper is turned by pi about the approach direction, as `FlangePoses.turned` has it."""
     path_free: bool | None

@@ -33,8 +33,8 @@ def list_grasps(
 ) -> tuple[Grasp, ...]:
     """Return the grasps with all their fields, in the order in which a planner may try them.
 
-    First come the representatives, at least `CLUSTER_M` apart on each chain, and then all other grasps. Within both
-    parts, grasps without a doubt come first, and grasps with a higher score before others.
+    First comes the best grasp of each cluster, and then all others. Within both parts, grasps with a doubt come last,
+    and a higher score comes before a lower one.
 
     Args:
         grasps: Grasps on the chains.
@@ -65,9 +65,9 @@ def list_grasps(
         )
         for k, grasp in enumerate(ordered)
     ]
-    _, representatives = np.unique(cluster, return_index=True)
-    others = np.setdiff1d(np.arange(len(complete)), representatives)
-    return tuple(replace(complete[k], id=number) for number, k in enumerate([*representatives, *others]))
+    _, best = np.unique(cluster, return_index=True)
+    others = np.setdiff1d(np.arange(len(complete)), best)
+    return tuple(replace(complete[k], id=number) for number, k in enumerate([*best, *others]))
 
 
 def _rank(grasp: Grasp) -> tuple[bool, float, int, float]:
@@ -76,19 +76,24 @@ def _rank(grasp: Grasp) -> tuple[bool, float, int, float]:
 
 
 def _clusters(ordered: Sequence[Grasp], by_id: dict[int, ChainInterpolator]) -> NDArray[np.int64]:
-    """Return the cluster (N,) of each grasp, numbered in the order of their representatives, the best first.
+    """Return the cluster (N,) of each grasp, numbered in the order of the best grasp of each.
 
-    A grasp joins the best representative within `CLUSTER_M`, or becomes one. So it is the best of its cluster.
+    In this order, a grasp joins the first cluster whose best grasp is within `CLUSTER_M` along the chain, or else it
+    begins a cluster.
+
+    Args:
+        ordered: Grasps, the best first.
+        by_id: Chains by their ids.
     """
-    representatives: list[Grasp] = []
+    best: list[Grasp] = []
     cluster = np.empty(len(ordered), dtype=np.int64)
     for k, grasp in enumerate(ordered):
-        numbers = [number for number, other in enumerate(representatives) if other.chain == grasp.chain]
-        s = np.array([representatives[number].s_m for number in numbers])
+        numbers = [number for number, other in enumerate(best) if other.chain == grasp.chain]
+        s = np.array([best[number].s_m for number in numbers])
         near = np.flatnonzero(by_id[grasp.chain].distance(s, grasp.s_m) < CLUSTER_M)
-        cluster[k] = numbers[near[0]] if len(near) else len(representatives)
+        cluster[k] = numbers[near[0]] if len(near) else len(best)
         if len(near) == 0:
-            representatives.append(grasp)
+            best.append(grasp)
     return cluster
 
 
