@@ -441,8 +441,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "invalid-parameters": ProblemType(
         title="The parameters cannot be used",
         status=422,
-        cause="The string radius or another parameter of the method is outside its limits.",
-        action="Send a radius from 0.0005 m to 0.02 m, in metres.",
+        cause="The string radius or another parameter of the method is outside its limits. Or the conditions on grasps "
+        "do not fit together, or do not fit the chains of the model.",
+        action="Send a radius from 0.0005 m to 0.02 m, in metres. Name a chain of the model, and arc lengths along it.",
         group="Correct the request",
     ),
     "invalid-request": ProblemType(

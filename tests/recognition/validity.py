@@ -1,6 +1,7 @@
 """Conditions that every answer of recognition meets."""
 
 import json
+from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
@@ -9,6 +10,7 @@ from recognition.errors import RecognitionError
 from recognition.model.chains import Chain, StrandPoint
 from recognition.model.finding_types import FINDING_TYPES, FindingCode
 from recognition.model.findings import SEVERITIES, Finding
+from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise, stages_of
 from tests.recognition.invariants import gauss_code_of
@@ -67,7 +69,7 @@ def assert_valid(model: PointChainModel, case: Case) -> None:
         assert min(grasp.opening_m, grasp.reach_m) > 0
         assert grasp.clearance_m >= 0
         assert 0 <= grasp.score <= 1
-    assert [grasp.score for grasp in model.grasps] == sorted((g.score for g in model.grasps), reverse=True)
+    assert_valid_order(model.grasps)
     assert_valid_quality(model, case)
     assert_valid_trust(model)
 
@@ -86,6 +88,18 @@ def assert_valid_chain(chain: Chain) -> None:
     assert chain.arc_length_m[-1] <= chain.length_m
     assert 0.0002 < chain.radius_m < 0.05
     assert set(chain.ends) <= {"free", "unobserved", "touching"}
+
+
+def assert_valid_order(grasps: Sequence[Grasp]) -> None:
+    assert [grasp.id for grasp in grasps] == list(range(len(grasps)))
+    clusters = len({grasp.cluster for grasp in grasps})
+    best, others = grasps[:clusters], grasps[clusters:]
+    assert [grasp.cluster for grasp in best] == list(range(clusters))
+    for part in (best, others):
+        ranks = [(not grasp.trusted, -grasp.score) for grasp in part]
+        assert ranks == sorted(ranks)
+    for grasp in others:
+        assert grasp.chain == best[grasp.cluster].chain
 
 
 def assert_on_chain(place: StrandPoint, model: PointChainModel) -> None:

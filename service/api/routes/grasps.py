@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 from anyio import to_thread
 from fastapi import APIRouter, Query, Response
-from fastapi.exceptions import RequestValidationError
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
@@ -37,7 +36,13 @@ _RESPONSES: dict[int | str, dict[str, Any]] = (
     {200: {"model": GraspsDocument, "content": {"application/json": {}}}}
     | NOT_MODIFIED
     | problem_responses(
-        "scan-not-found", "no-result", "result-not-ready", "invalid-request", "calibration", "viewpoints-unreachable"
+        "scan-not-found",
+        "no-result",
+        "result-not-ready",
+        "invalid-parameters",
+        "invalid-request",
+        "calibration",
+        "viewpoints-unreachable",
     )
 )
 _GRASPS = TypeAdapter(GraspDocuments)
@@ -151,11 +156,11 @@ def _hand_eye(scan: ScanRow, service: Context, reach: bool | None, reachable: bo
     """Return the calibration with which the reach is determined, or None if it is not.
 
     Raises:
-        RequestValidationError: `reachable` is given, and `reach` is false.
+        ProblemError: `invalid-parameters`: `reachable` is given, and `reach` is false.
         CalibrationError: The request asks for the reach, and there is no usable calibration.
     """
     if reach is False and reachable is not None:
-        raise _invalid("reach", "the reach is needed for `reachable`: leave one of them out")
+        raise _unfit("`reach` is false, and `reachable` needs the reach: leave one of them out")
     if reach or reachable is not None:
         return service.cell.hand_eye()
     if reach is None and scan.mode == "live" and scan.calibration_sha256 is not None:
@@ -169,7 +174,7 @@ def _select(scan: ScanRow, service: Context, choice: _Choice, etag: str) -> _Sel
 
     Raises:
         ProblemError: `damaged`: The file is not a model. `no-result`: The model is too old and has no grasps.
-        RequestValidationError: The conditions do not fit the chains of the model.
+            `invalid-parameters`: The conditions do not fit the chains of the model.
     """
     path = result_path(scan, service, MODEL)
     try:
@@ -193,16 +198,16 @@ def _check(choice: _Choice, closed: dict[int, bool]) -> None:
     """Check the conditions against the chains of a model, given whether each is closed, by its id.
 
     Raises:
-        RequestValidationError: The chain does not exist, or the range of arc lengths is not one of a chain.
+        ProblemError: `invalid-parameters`: The chain does not exist, or the range of arc lengths is not one of a chain.
     """
     if choice.chain is not None and choice.chain not in closed:
-        raise _invalid("chain", f"the model has no chain {choice.chain}; its chains are {sorted(closed)}")
+        raise _unfit(f"the model has no chain {choice.chain}; its chains are {sorted(closed)}")
     low, high = choice.min_s_m, choice.max_s_m
     if (low is not None or high is not None) and choice.chain is None:
         name = "min_s_m" if low is not None else "max_s_m"
-        raise _invalid(name, "an arc length belongs to a chain: give `chain`, too")
+        raise _unfit(f"{name} is an arc length along a chain: give `chain`, too")
     if low is not None and high is not None and low > high and not closed[choice.chain or 0]:
-        raise _invalid("max_s_m", f"{high:g} is less than min_s_m, {low:g}, and chain {choice.chain} is not a ring")
+        raise _unfit(f"max_s_m is {high:g}, less than min_s_m, {low:g}, and chain {choice.chain} is not a ring")
 
 
 def _without_reach(selection: _Selection, choice: _Choice) -> GraspsDocument:
@@ -235,5 +240,5 @@ def _document(
     return GraspsDocument.model_validate({"schema": "pointchain/2", "frame": "base"} | values)
 
 
-def _invalid(name: str, message: str) -> RequestValidationError:
-    return RequestValidationError([{"loc": ("query", name), "msg": message}])
+def _unfit(message: str) -> ProblemError:
+    return ProblemError("invalid-parameters", message)

@@ -153,7 +153,7 @@ def test_grasps_are_listed_filtered_and_checked_for_reach(planner: Client, recor
     for filters in refused:
         with pytest.raises(ProblemError) as error:
             planner.grasps(scan, **filters)
-        assert error.value.slug == "invalid-request"
+        assert error.value.slug == "invalid-parameters"
 
 
 def test_the_height_map_shows_the_string_on_the_table(planner: Client, recording: str) -> None:

@@ -62,15 +62,15 @@ def test_filters_keep_ids_and_order(client: ServedClient, scan: dict[str, Any]) 
 def test_conditions_that_do_not_fit_are_refused(
     client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem
 ) -> None:
-    for params, message in (
-        ({"chain": 7}, "the model has no chain 7; its chains are [0]"),
-        ({"min_s_m": 0.1}, "give `chain`, too"),
-        ({"chain": 0, "min_s_m": 0.2, "max_s_m": 0.1}, "chain 0 is not a ring"),
-        ({"reachable": True, "reach": False}, "leave one of them out"),
-        ({"count": 0}, "count"),
-        ({"clearance": 0.1}, "there is no such parameter"),
+    for params, slug, message in (
+        ({"chain": 7}, "invalid-parameters", "the model has no chain 7; its chains are [0]"),
+        ({"min_s_m": 0.1}, "invalid-parameters", "give `chain`, too"),
+        ({"chain": 0, "min_s_m": 0.2, "max_s_m": 0.1}, "invalid-parameters", "chain 0 is not a ring"),
+        ({"reachable": True, "reach": False}, "invalid-parameters", "leave one of them out"),
+        ({"count": 0}, "invalid-request", "count"),
+        ({"clearance": 0.1}, "invalid-request", "there is no such parameter"),
     ):
-        detail = assert_problem(client.get(scan["links"]["grasps"], params=params), 422, "invalid-request")
+        detail = assert_problem(client.get(scan["links"]["grasps"], params=params), 422, slug)
         assert message in detail, params
 
 
