@@ -11,7 +11,7 @@ from cell.planning.grasp_reach import ReachReason
 from recognition.model.document import ModelDocument
 from recognition.model.model import PointChainModel
 from service.api.schemas.grasps import GraspsDocument
-from service.api.schemas.height_map import HeightMapDocument
+from service.api.schemas.scans import HeightMapDocument
 from service.security.auth.roles import MIN_ROLE
 from tests.docs.pages import DOCS, ROOT, blocks
 
