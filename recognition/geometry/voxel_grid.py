@@ -27,6 +27,24 @@ def voxel_indices(points: NDArray[np.float64], size: float) -> tuple[NDArray[np.
     return voxel, count
 
 
+def voxel_centres(points: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    """Return the centres (M, 3) of the voxels with points, in the order of x, y, z.
+
+    The origin is a corner of a voxel.
+
+    Args:
+        points: (N, 3) points, metres.
+        size: Edge length of a voxel, metres.
+    """
+    if len(points) == 0:
+        return np.empty((0, 3))
+    cell = np.floor(points / size).astype(np.int64)
+    first = cell.min(axis=0)
+    shape = tuple(cell.max(axis=0) - first + 1)
+    occupied = np.unravel_index(np.unique(np.ravel_multi_index(tuple((cell - first).T), shape)), shape)
+    return (np.stack(occupied, axis=1) + first + 0.5) * size
+
+
 def voxel_means(
     points: NDArray[np.float64], size: float, values: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -57,17 +57,17 @@ def list_grasps(
     poses = flange_poses(
         np.array([grasp.T_base_grasp for grasp in ordered]), [grasp.reach_m for grasp in ordered], gripper
     )
-    complete = [
+    _, best = np.unique(cluster, return_index=True)
+    order = [*best, *np.setdiff1d(np.arange(len(ordered)), best)]
+    return tuple(
         replace(
-            grasp,
+            ordered[k],
+            id=number,
             cluster=int(cluster[k]),
             T_base_flange=GraspMotion(poses.pregrasp[k], poses.grasp[k], poses.retreat[k]),
         )
-        for k, grasp in enumerate(ordered)
-    ]
-    _, best = np.unique(cluster, return_index=True)
-    others = np.setdiff1d(np.arange(len(complete)), best)
-    return tuple(replace(complete[k], id=number) for number, k in enumerate([*best, *others]))
+        for number, k in enumerate(order)
+    )
 
 
 def _rank(grasp: Grasp) -> tuple[bool, float, int, float]:

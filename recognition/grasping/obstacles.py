@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from recognition.geometry.neighbours import group_sums
 from recognition.geometry.polyline import close_polyline, points_at, resampled_lengths
-from recognition.geometry.voxel_grid import voxel_indices
+from recognition.geometry.voxel_grid import voxel_centres, voxel_indices
 from recognition.model.chains import Chain
 
 MAX_STRING_NOISE_M = 0.004
@@ -153,7 +153,7 @@ def _object_points(
             surface = np.vstack([surface, added])
     if spacing_m * MIN_THINNING_RATIO > VOXEL_M:
         return surface
-    return (np.unique(np.floor(surface / VOXEL_M), axis=0) + 0.5) * VOXEL_M
+    return voxel_centres(surface, VOXEL_M)
 
 
 def _group_by_cell(points: NDArray[np.float64], radius_m: float) -> ObjectPoints:

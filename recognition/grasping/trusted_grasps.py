@@ -33,7 +33,10 @@ def select_trusted_grasps(
     """
     trusts = {chain.id: chain_trust(chain, crossings, findings) for chain in chains}
     half = gripper.finger_width_m / 2
-    marked = [replace(grasp, trusted=trusts[grasp.chain].is_trusted(grasp.s_m, half)) for grasp in candidates.grasps]
+    marked = [
+        grasp if trusts[grasp.chain].is_trusted(grasp.s_m, half) else replace(grasp, trusted=False)
+        for grasp in candidates.grasps
+    ]
     if keep_all:
         return GraspSet(tuple(marked), candidates.findings)
     selected = tuple(grasp for grasp in marked if grasp.trusted)

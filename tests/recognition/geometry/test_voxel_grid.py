@@ -1,8 +1,8 @@
-"""Means of the points in each voxel."""
+"""Means of the points in each voxel, and centres of the occupied voxels."""
 
 import numpy as np
 
-from recognition.geometry.voxel_grid import voxel_means
+from recognition.geometry.voxel_grid import voxel_centres, voxel_means
 
 
 def test_means_by_hand() -> None:
@@ -27,3 +27,10 @@ def test_means_agree_with_a_dictionary_of_voxels() -> None:
 def test_no_points_give_no_means() -> None:
     means, values = voxel_means(np.empty((0, 3)), 0.1, np.empty((0, 2)))
     assert (means.shape, values.shape) == ((0, 3), (0, 2))
+
+
+def test_the_centres_of_occupied_voxels_are_on_a_grid_through_the_origin() -> None:
+    points = np.random.default_rng(2).uniform(-2, 3, (400, 3))
+    expected = (np.unique(np.floor(points / 0.7), axis=0) + 0.5) * 0.7
+    np.testing.assert_array_equal(voxel_centres(points, 0.7), expected)
+    assert voxel_centres(np.empty((0, 3)), 0.7).shape == (0, 3)
