@@ -33,7 +33,7 @@ from service.api.routes import (
 from service.api.routes import metrics as metrics_route
 from service.api.schemas.addresses import RECORDINGS
 from service.api.stop_priority import StopPriority
-from service.api.strict_query import reject_unknown_parameters
+from service.api.strict_query import reject_unfit_parameters
 from service.config.loader import ServiceConfig, load_config
 from service.events.cell_events import publish_changes
 from service.events.stream_slots import StreamSlots
@@ -95,7 +95,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         version=API_VERSION,
         description=DESCRIPTION,
         lifespan=lifespan,
-        dependencies=[Depends(reject_unknown_parameters)],
+        dependencies=[Depends(reject_unfit_parameters)],
         openapi_url=None,  # the routes in `docs` serve the description and its page
         generate_unique_id_function=operation_id,
     )

@@ -281,17 +281,18 @@ def _model(
     (x0, x1), (y0, y1), (z0, z1) = settings.workspace_m
     boxes = [np.sort(np.array(box), axis=0) for box in mounting.obstacles_m]
     clear = mounting.clearance_m
+    named = [part if part.startswith("wrist") else f"the {part}" for part in parts]
     contacts = [
-        (f"the {parts[one]} comes too near the {parts[other]}", other, min(clear, CLOSE_M) if pair in close else clear)
+        (f"{named[one]} comes too near {named[other]}", other, min(clear, CLOSE_M) if pair in close else clear)
         for pair in map(tuple, pairs.tolist())
         for one, other in (pair,)
     ]
-    contacts += [(f"the {parts[part]} comes too near the table", part, clear) for part in free]
+    contacts += [(f"{named[part]} comes too near the table", part, clear) for part in free]
     for number in range(1, len(boxes) + 1):
-        contacts += [(f"the {parts[part]} comes too near obstacle {number}", part, clear) for part in obstructed]
+        contacts += [(f"{named[part]} comes too near obstacle {number}", part, clear) for part in obstructed]
     if has_workspace:
         boxes.append(np.array([(x0, y0, z0), (x1, y1, z1)]))
-        contacts += [(f"the {parts[part]} reaches into the workspace", part, 0.0) for part in free]
+        contacts += [(f"{named[part]} reaches into the workspace", part, 0.0) for part in free]
     return CollisionModel(
         model=model,
         parts=parts,

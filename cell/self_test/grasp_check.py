@@ -19,6 +19,8 @@ DIRECTIONS = 4
 """Number of closing directions at each position. A turn by pi is the same grasp."""
 ASSUMED_RADIUS_M = 0.004
 """Radius of the string if the configuration has none."""
+MAX_REASONS = 3
+"""Maximum number of reasons in the message."""
 MIN_SHARE = 0.8
 """Smallest share of the grasps that is reached without a warning. In the simulated cell, 98 to 100 % are reached with
 each preset. Beside the base, the gripper may come too near the shoulder."""
@@ -56,7 +58,9 @@ def grasps(context: CheckContext) -> CheckResult:
         f"{1000 * gripper.length_m:.0f} mm{'' if described else ', assumed because [gripper] does not describe one'}"
     )
     reasons = Counter((reach.reason, reach.message) for reach in found if not reach.reachable).most_common()
-    message += "".join(f"; {number}: {text}" for (_, text), number in reasons[:2])
+    message += "".join(f"; {number}: {text}" for (_, text), number in reasons[:MAX_REASONS])
+    others = sum(number for _, number in reasons[MAX_REASONS:])
+    message += f"; {others}: other reasons" if others else ""
     if not described or reached >= MIN_SHARE * count:
         return ok(NAME, message)
     return CheckResult(NAME, "warning", message, ADVICE[str(reasons[0][0][0])])

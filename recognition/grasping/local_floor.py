@@ -123,8 +123,11 @@ def find_local_floor(support: SupportSurface, chains: Sequence[Chain]) -> LocalF
 
 
 def low_object_findings(floor: LocalFloor) -> list[Finding]:
-    """Return the finding on low objects that the noise of the table hides, or none at low noise."""
-    if floor.min_height_m <= MIN_HEIGHT_M:
+    """Return the finding on low objects that the noise of the table hides, or none at low noise.
+
+    Heights are compared in tenths of a millimetre.
+    """
+    if round(floor.min_height_m, 4) <= MIN_HEIGHT_M:
         return []
     message = (
         f"objects lower than {floor.min_height_m * 1000:.1f} mm are hidden in the noise of the measured table, "

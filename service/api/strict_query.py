@@ -1,7 +1,10 @@
-"""Rejection of unknown query parameters, as in bodies and in the configuration.
+"""Rejection of unknown and of repeated query parameters, as in bodies and in the configuration.
 
-A misspelt filter would otherwise be ignored, and everything would be listed.
+A misspelt filter would otherwise be ignored, and everything would be listed. Of two values, only one would count.
 """
+
+from collections.abc import Sequence
+from typing import get_origin
 
 from fastapi import Request
 from fastapi.dependencies.utils import get_flat_params
@@ -9,18 +12,26 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.params import Query
 
 
-async def reject_unknown_parameters(request: Request) -> None:
-    """Reject a request whose query has a parameter that its route does not declare.
+async def reject_unfit_parameters(request: Request) -> None:
+    """Reject a request whose query has a parameter that its route does not declare, or a parameter twice.
+
+    A parameter that is declared as a sequence may be given several times.
 
     Raises:
-        RequestValidationError: The query has an unknown parameter.
+        RequestValidationError: The query has such a parameter.
     """
     if not request.scope["query_string"]:
         return
     params = get_flat_params(request.scope["route"].dependant)
-    declared = [field.alias for field in params if isinstance(field.field_info, Query)]
-    unknown = request.query_params.keys() - set(declared)
-    if unknown:
-        accepted = f"use {', '.join(declared)}" if declared else "there is none at this address"
-        message = f"there is no such parameter; {accepted}"
-        raise RequestValidationError([{"loc": ("query", name), "msg": message} for name in sorted(unknown)])
+    declared = {field.alias: field for field in params if isinstance(field.field_info, Query)}
+    accepted = f"use {', '.join(declared)}" if declared else "there is none at this address"
+    errors = []
+    for name in sorted(request.query_params.keys()):
+        if name not in declared:
+            errors.append({"loc": ("query", name), "msg": f"there is no such parameter; {accepted}"})
+        elif get_origin(declared[name].field_info.annotation) is not Sequence:
+            count = len(request.query_params.getlist(name))
+            if count > 1:
+                errors.append({"loc": ("query", name), "msg": f"is given {count} times; give it once"})
+    if errors:
+        raise RequestValidationError(errors)

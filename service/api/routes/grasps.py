@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.storage.hand_eye_file import HandEye
+from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from recognition.grasping.flange_poses import T_flange_tcp
 from recognition.grasping.gripper import Gripper
 from recognition.model.document import GraspDocument, GraspDocuments
@@ -48,13 +49,23 @@ _RESPONSES: dict[int | str, dict[str, Any]] = (
 _GRASPS = TypeAdapter(GraspDocuments)
 
 Chain = Annotated[int | None, Query(ge=0, description="Id of a chain; only its grasps are listed")]
-MinS = Annotated[float | None, Query(ge=0, description="Arc length along the chain, metres; grasps from here on")]
+MinS = Annotated[
+    float | None,
+    Query(ge=0, allow_inf_nan=False, description="Arc length along the chain, metres; grasps from here on"),
+]
 MaxS = Annotated[
     float | None,
-    Query(ge=0, description="Arc length along the chain, metres; grasps up to here. On a ring it may be below min_s_m"),
+    Query(
+        ge=0,
+        allow_inf_nan=False,
+        description="Arc length along the chain, metres; grasps up to here. On a ring it may be below min_s_m",
+    ),
 ]
 MinClearance = Annotated[
-    float | None, Query(ge=0, description="Minimum clearance_m, metres. All clearances above 0.03 are given as 0.03")
+    float | None,
+    Query(
+        ge=0, le=MAX_RELEVANT_DISTANCE_M, description="Minimum clearance_m, metres. 0.03 selects those of 0.03 or more"
+    ),
 ]
 Count = Annotated[int | None, Query(ge=1, le=10_000, description="Maximum number of grasps, the first of the list")]
 Reachable = Annotated[
@@ -63,8 +74,8 @@ Reachable = Annotated[
 Reach = Annotated[
     bool | None,
     Query(
-        description="Whether the reach is determined, by the configured cell. Default: for live scans with the "
-        "calibration that is active"
+        description="Whether the reach is determined, by the configured cell. Default: for scans with the calibration "
+        "that is active and the gripper that is configured"
     ),
 ]
 
@@ -79,6 +90,7 @@ class _Choice:
     min_clearance_m: float | None
     count: int | None
     reachable: bool | None
+    reach: bool | None
 
     def select(self, grasps: Sequence[GraspDocument]) -> list[GraspDocument]:
         """Return the grasps of the list that meet all conditions but reach and count."""
@@ -97,6 +109,16 @@ class _Choice:
 
 
 @dataclass(frozen=True)
+class _Inputs:
+    """Whether a scan was made with what the cell uses now."""
+
+    same_calibration: bool | None
+    """Whether its hand-eye calibration is active. None if that is not known."""
+    same_gripper: bool | None
+    """Whether its gripper is configured. None if that is not known."""
+
+
+@dataclass(frozen=True)
 class _Selection:
     """The selected grasps of a scan, without their reach."""
 
@@ -104,6 +126,7 @@ class _Selection:
     total: int
     grasps: Sequence[GraspDocument]
     gripper: Gripper
+    inputs: _Inputs
     etag: str
 
 
@@ -120,25 +143,30 @@ async def get_grasps(
     reachable: Reachable = None,
     reach: Reach = None,
 ) -> Response:
-    """Return the grasps of the strings by the configured gripper, the best of each cluster first.
+    """Return the grasps of the strings by the gripper of the scan, the best of each cluster first.
 
     With reach, the answer says for each grasp whether the arm of the configured cell can carry it out from its home
-    posture, with the joint angles, or why not. A recording must then be of this cell. The first 20 grasps take about
-    0.1 s, and all grasps of a scene up to a second. Filters keep the ids and the order.
+    posture, with the joint angles, or why not. A recording must then be of this cell: `same_calibration` says whether
+    it names the calibration that is active. If another gripper is configured now, reach is refused: recognise the scan
+    again. The first 20 grasps take about 0.1 s, and all grasps of a scene up to a second. Filters keep the ids and the
+    order.
 
     Those of a model of schema `pointchain/1` are converted to `pointchain/2`.
     """
-    choice = _Choice(chain, min_s_m, max_s_m, min_clearance_m, count, reachable)
+    choice = _Choice(chain, min_s_m, max_s_m, min_clearance_m, count, reachable, reach)
 
     def find() -> tuple[_Selection | Response, HandEye | None]:
         scan = find_scan(id, service)
         path = result_path(scan, service, MODEL)
-        hand_eye = _hand_eye(scan, service, reach, reachable)
+        active = usable_hand_eye(service.cell)
+        inputs = _compare_inputs(scan, service, active)
+        hand_eye = _hand_eye(scan, service, choice, active, inputs)
         _, of_model = stat_file(path, **hash_and_size(scan, MODEL))
-        etag = f'{of_model[:-1]}-grasps-3"'  # 3 is the version of this answer, which differs from that of the model
+        # 4 is the version of this answer, which differs from that of the model
+        etag = f'{of_model[:-1]}-grasps-4-{inputs.same_calibration}-{inputs.same_gripper}"'
         if hand_eye is None and matches(if_none_match, etag):
             return not_modified_response(etag), None
-        return _select(scan, service, choice, etag), hand_eye
+        return _select(scan, service, choice, inputs, etag), hand_eye
 
     selection, hand_eye = await to_thread.run_sync(find)
     if isinstance(selection, Response):
@@ -152,24 +180,43 @@ async def get_grasps(
     return await to_thread.run_sync(determine, limiter=service.planning)
 
 
-def _hand_eye(scan: ScanRow, service: Context, reach: bool | None, reachable: bool | None) -> HandEye | None:
+def _compare_inputs(scan: ScanRow, service: Context, active: HandEye | None) -> _Inputs:
+    """Return whether a scan was made with the active calibration and the configured gripper."""
+    sha256, gripper = scan.calibration_sha256, recorded_gripper(scan.inputs)
+    if sha256 is None and scan.recording is not None:
+        recording = service.store.recording(scan.recording)
+        sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
+    return _Inputs(
+        same_calibration=None if sha256 is None or active is None else sha256 == active.sha256,
+        same_gripper=None if gripper is None else gripper == service.config.cell.gripper.to_gripper(),
+    )
+
+
+def _hand_eye(
+    scan: ScanRow, service: Context, choice: _Choice, active: HandEye | None, inputs: _Inputs
+) -> HandEye | None:
     """Return the calibration with which the reach is determined, or None if it is not.
 
     Raises:
-        ProblemError: `invalid-parameters`: `reachable` is given, and `reach` is false.
+        ProblemError: `invalid-parameters`: `reachable` is given, and `reach` is false. Or the request asks for the
+            reach, and the grasps are for another gripper than the configured one.
         CalibrationError: The request asks for the reach, and there is no usable calibration.
     """
-    if reach is False and reachable is not None:
+    if choice.reach is False and choice.reachable is not None:
         raise _unfit("`reach` is false, and `reachable` needs the reach: leave one of them out")
-    if reach or reachable is not None:
+    if choice.reach or choice.reachable is not None:
+        if inputs.same_gripper is False:
+            raise _unfit(
+                f"the grasps of scan {scan.id} are for another gripper than [gripper] of the configuration has now: "
+                "recognise the scan again, by its link `reprocess`"
+            )
         return service.cell.hand_eye()
-    if reach is None and scan.mode == "live" and scan.calibration_sha256 is not None:
-        hand_eye = usable_hand_eye(service.cell)
-        return hand_eye if hand_eye is not None and hand_eye.sha256 == scan.calibration_sha256 else None
+    if choice.reach is None and inputs.same_calibration and inputs.same_gripper:
+        return active
     return None
 
 
-def _select(scan: ScanRow, service: Context, choice: _Choice, etag: str) -> _Selection:
+def _select(scan: ScanRow, service: Context, choice: _Choice, inputs: _Inputs, etag: str) -> _Selection:
     """Return the grasps that meet the conditions of the request, apart from reach and count.
 
     Raises:
@@ -191,7 +238,7 @@ def _select(scan: ScanRow, service: Context, choice: _Choice, etag: str) -> _Sel
         raise damaged(path, scan, error) from error
     _check(choice, closed)
     gripper = recorded_gripper(scan.inputs) or service.config.cell.gripper.to_gripper()
-    return _Selection(scan, len(grasps), choice.select(grasps), gripper, etag)
+    return _Selection(scan, len(grasps), choice.select(grasps), gripper, inputs, etag)
 
 
 def _check(choice: _Choice, closed: dict[int, bool]) -> None:
@@ -237,7 +284,9 @@ def _document(
 ) -> GraspsDocument:
     T = T_flange_tcp(selection.gripper).round(9) + 0.0  # no -0.0
     values = {"total": selection.total, "T_flange_tcp": T.tolist(), "q_home_rad": q_home_rad, "grasps": grasps}
-    return GraspsDocument.model_validate({"schema": "pointchain/2", "frame": "base"} | values)
+    return GraspsDocument.model_validate(
+        {"schema": "pointchain/2", "frame": "base"} | asdict(selection.inputs) | values
+    )
 
 
 def _unfit(message: str) -> ProblemError:

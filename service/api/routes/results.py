@@ -86,7 +86,7 @@ def get_height_map(scan: Scan, service: Service, if_none_match: IfNoneMatch) -> 
     """Return the height of the table and of all that lies on it, in cells of 2 mm.
 
     A planner uses it to keep its own motions clear of what lies on the table. The grasps keep clear of it already.
-    Scans without a string have no height map.
+    Scans with the finding `no-string-in-view` have no height map.
     """
     etag = f'{tag_of_height_map(scan, service)[:-1]}-json"'
     if matches(if_none_match, etag):

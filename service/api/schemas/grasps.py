@@ -82,8 +82,15 @@ class GraspsDocument(ApiModel):
     frame: Literal["base"]
     total: int
     """Number of all grasps of the model."""
+    same_calibration: bool | None
+    """Whether the scan was made with the hand-eye calibration that is active now. Null if that is not known: the
+    recording does not name its calibration, or no calibration is active."""
+    same_gripper: bool | None
+    """Whether the grasps are for the gripper that is configured now. Null if that is not known, for a scan of an
+    earlier release."""
     T_flange_tcp: Pose
-    """Pose of the tool centre point on the flange: midway between the fingertips, x along the closing direction."""
+    """Pose of the tool centre point on the flange: midway between the fingertips, x along the closing direction. It is
+    that of the gripper for which the grasps are."""
     q_home_rad: Joints | None
     """Joint angles from which the reach was determined, those of the home posture. Null if it was not determined."""
     grasps: Sequence[ListedGrasp]

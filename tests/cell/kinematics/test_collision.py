@@ -57,9 +57,9 @@ def test_usual_configurations_are_free(model: ArmModelName, degrees: tuple[float
     [
         ((0, 20, 0, -90, -90, 0), "the elbow comes too near the table"),
         ((0, -20, 60, -90, -90, 0), "the camera comes too near the table"),
-        ((0, -90, 170, -90, -90, 0), "the upper arm comes too near the wrist 2"),
-        ((0, -150, 20, 20, -160, 0), "the forearm comes too near the wrist 3"),
-        ((0, -10, -170, -10, -90, 0), "the upper arm comes too near the wrist 1"),
+        ((0, -90, 170, -90, -90, 0), "the upper arm comes too near wrist 2"),
+        ((0, -150, 20, 20, -160, 0), "the forearm comes too near wrist 3"),
+        ((0, -10, -170, -10, -90, 0), "the upper arm comes too near wrist 1"),
     ],
 )
 def test_a_contact_is_named(model: ArmModelName, degrees: tuple[float, ...], words: str) -> None:

@@ -1,12 +1,14 @@
 """Route of the grasps of a scan: filters, and the reach of the arm for live scans and for recordings."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx2
 import numpy as np
 import pytest
 
+from cell.config.gripper_config import GripperSettings
 from cell.kinematics.ur_kinematics import link_frames
 from recognition.grasping.flange_poses import T_flange_tcp
 from recognition.grasping.gripper import Gripper
@@ -30,6 +32,8 @@ def test_the_grasps_are_those_of_the_model(client: ServedClient, scan: dict[str,
     model, answer = client.get(scan["links"]["model"]).json(), grasps_of(client, scan)
     assert answer["grasps"] == [grasp | {"reach": None} for grasp in model["grasps"]]
     assert (answer["total"], answer["q_home_rad"]) == (len(model["grasps"]), None)
+    # the recording does not name its calibration
+    assert (answer["same_calibration"], answer["same_gripper"]) == (None, True)
     np.testing.assert_allclose(answer["T_flange_tcp"], T_flange_tcp(Gripper()), atol=1e-9)
     for grasp in answer["grasps"]:
         # the tool centre point at the grasp is `reach_m` beyond the centre line
@@ -55,8 +59,6 @@ def test_filters_keep_ids_and_order(client: ServedClient, scan: dict[str, Any]) 
             expected = [grasp for grasp in grasps if grasp["s_m"] >= 0.1][:2]
         assert 0 < len(expected) <= len(grasps)
         assert (answer["grasps"], answer["total"]) == (expected, len(grasps)), params
-    # nothing is beside the string, and larger clearances are given as 0.03
-    assert grasps_of(client, scan, min_clearance_m=0.031)["grasps"] == []
 
 
 def test_conditions_that_do_not_fit_are_refused(
@@ -68,6 +70,9 @@ def test_conditions_that_do_not_fit_are_refused(
         ({"chain": 0, "min_s_m": 0.2, "max_s_m": 0.1}, "invalid-parameters", "chain 0 is not a ring"),
         ({"reachable": True, "reach": False}, "invalid-parameters", "leave one of them out"),
         ({"count": 0}, "invalid-request", "count"),
+        ({"count": [3, 4]}, "invalid-request", "query.count: is given 2 times; give it once"),
+        ({"chain": 0, "max_s_m": "inf"}, "invalid-request", "max_s_m"),
+        ({"min_clearance_m": 0.031}, "invalid-request", "less than or equal to 0.03"),
         ({"clearance": 0.1}, "invalid-request", "there is no such parameter"),
     ):
         detail = assert_problem(client.get(scan["links"]["grasps"], params=params), 422, slug)
@@ -127,12 +132,34 @@ def test_a_live_scan_says_which_grasps_the_arm_reaches(cell: LiveCell, live_scan
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("service")
-def test_the_reach_of_a_recording_is_determined_on_request(
+def test_a_scan_recognised_again_has_the_same_reach(
     cell: LiveCell, live_scan: dict[str, Any], finished: Finished
 ) -> None:
-    location = cell.client.post(live_scan["links"]["reprocess"]).headers["Location"]
-    replay = finished(cell.client, location)
-    assert all(grasp["reach"] is None for grasp in grasps_of(cell.client, replay)["grasps"])
-    live, again = (grasps_of(cell.client, scan, reach=True, count=10) for scan in (live_scan, replay))
-    assert again["grasps"] == live["grasps"]
+    replay = finished(cell.client, cell.client.post(live_scan["links"]["reprocess"]).headers["Location"])
+    live, again = (grasps_of(cell.client, scan, count=10) for scan in (live_scan, replay))
+    assert again == live
+    assert (again["same_calibration"], again["same_gripper"]) == (True, True)
     assert any(grasp["reach"]["reachable"] for grasp in again["grasps"])
+
+
+@pytest.mark.slow
+def test_grasps_for_another_gripper_have_no_reach(
+    serve: Serve, tmp_path: Path, recording_file: Path, finished: Finished, assert_problem: AssertProblem
+) -> None:
+    """The joint angles are for a gripper of 100 mm. With a longer one, its fingertips would be far below the table."""
+    with serve(tmp_path, gripper=GripperSettings(length_m=0.1)) as client:
+        recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
+        answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+        scan = finished(client, answer.headers["Location"])
+        before = client.get(scan["links"]["grasps"])
+        assert before.json()["same_gripper"]
+        assert grasps_of(client, scan, reach=True)["q_home_rad"] is not None
+    with serve(tmp_path, gripper=GripperSettings(length_m=0.2)) as client:
+        after = client.get(scan["links"]["grasps"], headers={"If-None-Match": before.headers["ETag"]})
+        assert after.json() == before.json() | {"same_gripper": False}
+        for params in ({"reach": True}, {"reachable": True}):
+            answer = client.get(scan["links"]["grasps"], params=params)
+            detail = assert_problem(answer, 422, "invalid-parameters")
+            assert "another gripper than [gripper] of the configuration has now" in detail
+        again = finished(client, client.post(scan["links"]["reprocess"]).headers["Location"])
+        assert grasps_of(client, again, reach=True)["T_flange_tcp"][2][3] == 0.2
