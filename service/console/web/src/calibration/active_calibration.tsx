@@ -4,7 +4,7 @@ import { geometry } from "../state/geometry";
 import { mm, plusMinus, span } from "../texts/format";
 import { sentence } from "../texts/sentence";
 import { rich, t } from "../texts/translate";
-import { Hint } from "../ui/hint";
+import { HintedEntry } from "../ui/hint";
 import { boardText } from "./board";
 import { Findings } from "./findings";
 import { Verdict } from "./verdict";
@@ -31,16 +31,14 @@ export function ActiveCalibration() {
       <dl class="figures">
         <dt>{t("calibration.active.age")}</dt>
         <dd>{ageText(used.age_s === null ? unknown : span(used.age_s))}</dd>
-        <dt>
-          <Hint term="sigma">{t("calibration.sigma")}</Hint>
-        </dt>
-        <dd>{used.sigma_m === null ? unknown : plusMinus(used.sigma_m)}</dd>
+        <HintedEntry term="sigma" name={t("calibration.sigma")}>
+          {used.sigma_m === null ? unknown : plusMinus(used.sigma_m)}
+        </HintedEntry>
         <dt>{t("calibration.repeatability")}</dt>
         <dd>{used.repeatability_95_m === null ? unknown : mm(used.repeatability_95_m, 2)}</dd>
-        <dt>
-          <Hint term="drift">{t("calibration.active.drift")}</Hint>
-        </dt>
-        <dd class={used.drift.drifted ? "bad" : ""}>{sentence(used.drift.message)}</dd>
+        <HintedEntry term="drift" name={t("calibration.active.drift")} tone={used.drift.drifted ? "bad" : ""}>
+          {sentence(used.drift.message)}
+        </HintedEntry>
         <dt>{t("calibration.active.board")}</dt>
         <dd>{boardText(used.board) ?? unknown}</dd>
       </dl>

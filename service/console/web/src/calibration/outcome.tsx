@@ -5,7 +5,7 @@ import { mm, plusMinus, when } from "../texts/format";
 import { sentence } from "../texts/sentence";
 import { rich, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
-import { Hint } from "../ui/hint";
+import { HintedEntry } from "../ui/hint";
 import { scaleText } from "./board";
 import { Findings } from "./findings";
 import { Verdict } from "./verdict";
@@ -44,10 +44,9 @@ function Result({ result, verified }: { result: NonNullable<Run["result"]>; veri
       <p>{rich("calibration.outcome.verdict", { verdict: <Verdict verdict={result.verdict} /> })}</p>
       <Findings findings={result.findings} />
       <dl class="figures">
-        <dt>
-          <Hint term="sigma">{t("calibration.sigma")}</Hint>
-        </dt>
-        <dd>{sigma_m === null ? unknown : plusMinus(sigma_m)}</dd>
+        <HintedEntry term="sigma" name={t("calibration.sigma")}>
+          {sigma_m === null ? unknown : plusMinus(sigma_m)}
+        </HintedEntry>
         <dt>{t("calibration.repeatability")}</dt>
         <dd>{repeatability_95_m === null ? unknown : mm(repeatability_95_m, 2)}</dd>
         <dt>{t("calibration.outcome.images")}</dt>
@@ -56,10 +55,9 @@ function Result({ result, verified }: { result: NonNullable<Run["result"]>; veri
             ? t("calibration.outcome.images_verified", { used, total })
             : t("calibration.outcome.images_of", { used, total })}
         </dd>
-        <dt>
-          <Hint term="board_scale">{t("calibration.outcome.board_scale")}</Hint>
-        </dt>
-        <dd>{scaleText(result.board) ?? unknown}</dd>
+        <HintedEntry term="board_scale" name={t("calibration.outcome.board_scale")}>
+          {scaleText(result.board) ?? unknown}
+        </HintedEntry>
       </dl>
     </>
   );

@@ -1,7 +1,7 @@
 import type { Model } from "../net/api";
 import { mm, plusMinus, pointText } from "../texts/format";
 import { t } from "../texts/translate";
-import { Hint } from "../ui/hint";
+import { HintedEntry } from "../ui/hint";
 import { pointAt } from "../view3d/arc_length";
 import type { Target } from "../view3d/scene";
 import type { Selection } from "../viewer/viewer";
@@ -32,10 +32,9 @@ export function SelectedPoint({ model, target, select }: SelectedPointProps) {
         <dd>{pointText(chain.points[index] ?? [])}</dd>
         <dt>{t("result.point.arc_length")}</dt>
         <dd>{t("result.point.arc_length_of", { at: mm(s_m), length: mm(chain.length_m) })}</dd>
-        <dt>
-          <Hint term="sigma">{t("result.point.sigma")}</Hint>
-        </dt>
-        <dd>{plusMinus(chain.sigma_m[index] ?? 0)}</dd>
+        <HintedEntry term="sigma" name={t("result.point.sigma")}>
+          {plusMinus(chain.sigma_m[index] ?? 0)}
+        </HintedEntry>
         <dt>{t("result.point.observed_by")}</dt>
         <dd>{views === 0 ? t("result.point.bridged") : t("units.views", { count: views })}</dd>
       </dl>

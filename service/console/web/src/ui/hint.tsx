@@ -1,3 +1,4 @@
+import type { ComponentChildren } from "preact";
 import { useId, useState } from "preact/hooks";
 import { t } from "../texts/translate";
 
@@ -65,5 +66,30 @@ export function Hint({ term, children }: { term: Term; children: string }) {
       {children} <HintButton name={children} shown={shown} />
       <HintText term={term} shown={shown} />
     </span>
+  );
+}
+
+interface HintedEntryProps {
+  term: Term;
+  /** The label of the entry. */
+  name: string;
+  /** Style class of the value. */
+  tone?: string;
+  children: ComponentChildren;
+}
+
+/** An entry of a list of labels and values. The explanation of its label has the whole width of the list, below both. */
+export function HintedEntry({ term, name, tone = "", children }: HintedEntryProps) {
+  const shown = useHint();
+  return (
+    <>
+      <dt>
+        {name} <HintButton name={name} shown={shown} />
+      </dt>
+      <dd class={tone}>{children}</dd>
+      <dd class="explanation" hidden={!shown.open}>
+        <HintText term={term} shown={shown} />
+      </dd>
+    </>
   );
 }
