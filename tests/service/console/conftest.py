@@ -10,16 +10,19 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import httpx2
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from service.api.routes.console import BUILT
 from service.security.auth.caller import ROLES, Role
 from service.security.auth.tokens import add_token
-from tests.service.conftest import PATIENCE_S, Serve, wait_until
+from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.live_cell import LiveCell, live_cell
 
 ARGUMENTS = (
@@ -87,6 +90,7 @@ class Opened:
 
 
 Open = Callable[..., Opened]
+Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture
@@ -156,6 +160,23 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cel
     with live_cell(serve, data, time_factor=5.0) as live:
         live.client.headers["Authorization"] = f"Bearer {tokens['maintainer']}"
         yield Cell(live, data, tokens)
+
+
+@pytest.fixture(scope="module")
+def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
+    """A service with one scan, whose string has one crossing."""
+    file = tmp_path_factory.mktemp("recording") / "eight.mcap"
+    write_simulation(simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=6), file)
+    with serve(tmp_path_factory.mktemp("data")) as client:
+        recording = client.post("/api/recordings", content=file.read_bytes()).json()["id"]
+        answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+        assert finished(client, answer.headers["Location"])["summary"]["crossings"] == 1
+        yield client
+
+
+def original_model(crossed: ServedClient) -> dict[str, Any]:
+    """Return the model of the oldest scan. The later ones repeat it with other methods."""
+    return crossed.get(crossed.get("/api/scans").json()["scans"][-1]["links"]["model"]).json()
 
 
 def frame_count(page: Page) -> int:

@@ -3,49 +3,26 @@
 import io
 import json
 import re
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Page, Route, expect
 
-from cell.simulation.offline_scan import simulate, write_simulation
-from cell.simulation.rendering.depth_camera import camera_model
-from cell.simulation.scenes.scenes import make_scene
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from recognition.model.document import LATER_GRASP_MEMBERS
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient, wait_until
-from tests.service.console.conftest import Open, frame_count, wait_until_drawn
+from tests.service.console.conftest import Finished, Open, frame_count, original_model, wait_until_drawn
 from tests.service.security.conftest import without_recognition
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
-Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 POINTS = 100_000
-
-
-@pytest.fixture(scope="module")
-def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
-    """A service with one scan, whose string has one crossing."""
-    file = tmp_path_factory.mktemp("recording") / "eight.mcap"
-    write_simulation(simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=6), file)
-    with serve(tmp_path_factory.mktemp("data")) as client:
-        recording = client.post("/api/recordings", content=file.read_bytes()).json()["id"]
-        answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
-        assert finished(client, answer.headers["Location"])["summary"]["crossings"] == 1
-        yield client
-
-
-def original_model(crossed: ServedClient) -> dict[str, Any]:
-    """Return the model of the oldest scan. The later ones repeat it with other methods."""
-    return crossed.get(crossed.get("/api/scans").json()["scans"][-1]["links"]["model"]).json()
 
 
 def test_the_page_shows_the_values_of_the_model(open_console: Open, crossed: ServedClient) -> None:
@@ -283,83 +260,6 @@ def test_a_result_of_an_earlier_release_is_shown_with_doubts(open_console: Open,
     expect(page.locator(".label3d.motion")).to_have_count(0)  # its flange poses are not known
     expect(page.get_by_role("region", name="Selected grasp")).not_to_contain_text("Reach")
     assert not [one for one in opened.requests if "/grasps" in one.url]
-
-
-def test_a_pressed_grasp_is_selected_in_the_list_and_in_the_view(open_console: Open, crossed: ServedClient) -> None:
-    page = open_console(crossed, "#/result").page
-    wait_until_drawn(page)
-    grasps = listed(original_model(crossed)["grasps"])
-    entries = page.get_by_role("button", name=re.compile(r"fingers .* apart"))
-    expect(entries).to_have_count(len(grasps))
-    entries.nth(0).press("Enter")
-    selected = page.get_by_role("region", name="Selected grasp")
-    grasp = grasps[0]
-    for text in (
-        f"0, at {grasp['s_m'] * 1000:.1f} mm of",
-        f"{grasp['clearance_m'] * 1000:.1f} mm",
-        f"{grasp['end_distance_m'] * 1000:.0f} mm to the nearest end",
-        f"{grasp['over_distance_m'] * 1000:.0f} mm to where it lies over",
-        f"{grasp['under_distance_m'] * 1000:.0f} mm to where it lies under",
-        f"({', '.join(f'{row[3] * 1000:.1f}' for row in grasp['T_base_grasp'][:3])}) mm",
-        "not determined: only for a live scan",
-    ):
-        expect(selected).to_contain_text(text)
-    expect(page.locator(".label3d.marked")).to_have_text(f"grasp {grasp['id']}")
-    assert sorted(page.locator(".label3d.motion").all_inner_texts()) == ["pre-grasp", "retreat"]
-
-    page.get_by_role("button", name="From above").click()
-    other = page.locator(".label3d.grasp:not(.crowded)").first
-    name = other.inner_text()
-    box = other.bounding_box()
-    assert box is not None
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    expect(page.locator(".label3d.marked")).to_have_text(name)
-    expect(page.locator(".label3d.grasp", has_text=name)).to_have_count(0)  # it is drawn as the selected one
-    pressed = page.get_by_role("button", pressed=True).and_(entries)
-    expect(pressed).to_have_text(re.compile(rf"^{name.removeprefix('grasp ')}: string 0 at"))
-    expect(selected).to_be_in_viewport()
-    pressed.click()
-    expect(pressed).to_have_count(0)
-    expect(page.locator(".label3d.motion")).to_have_count(0)
-
-
-def listed(grasps: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the best grasp of each of the first five clusters."""
-    best = {grasp["cluster"]: grasp for grasp in reversed(grasps)}
-    return sorted(best.values(), key=lambda grasp: grasp["id"])[:5]
-
-
-def test_the_selected_grasp_says_what_the_arm_reaches_and_what_a_lift_meets(
-    open_console: Open, crossed: ServedClient
-) -> None:
-    page = open_console(crossed).page
-    ids = [grasp["id"] for grasp in listed(original_model(crossed)["grasps"])]
-    reached = {"reachable": True, "path_free": True, "reason": None, "message": None}
-    refused = {"reachable": False, "path_free": None, "reason": "joint-limit", "message": "a joint would go too far"}
-    reach = {ids[0]: reached, ids[1]: reached | {"path_free": False}, ids[2]: refused}
-    above = {ids[0]: ([], None), ids[1]: ([0, 7], None), ids[2]: ([], 0.0234)}
-    texts = {
-        ids[0]: ["the arm reaches it", "nothing lies over the string"],
-        ids[1]: ["something is in the way", "takes a part of the same string along", "takes string 7 along"],
-        ids[2]: ["does not reach it: A joint would go too far.", "touches an object 23 mm above the grasp"],
-    }
-
-    def with_members(route: Route) -> None:
-        document = json.loads(route.fetch().body())
-        for grasp in document["grasps"]:
-            if "reach" in grasp:
-                grasp["reach"] = reach.get(grasp["id"])
-            grasp["chains_above"], grasp["object_above_m"] = above.get(grasp["id"], ([], None))
-        route.fulfill(json=document)
-
-    page.route(re.compile("/(model|grasps)([?]|$)"), with_members)
-    page.keyboard.press("2")
-    entries = page.get_by_role("button", name=re.compile(r"fingers .* apart"))
-    expect(page.get_by_role("button", name="the arm does not reach it")).to_have_text(re.compile(f"^{ids[2]}: "))
-    for place, expected in enumerate(texts.values()):
-        entries.nth(place).click()
-        for text in expected:
-            expect(page.get_by_role("region", name="Selected grasp")).to_contain_text(text)
 
 
 YELLOW, TABLE = (254, 232, 56), (211, 220, 227)

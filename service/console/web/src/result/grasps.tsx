@@ -1,27 +1,28 @@
-import type { Model, Scan } from "../net/api";
+import type { Model } from "../net/api";
 import { mm } from "../texts/format";
 import { t } from "../texts/translate";
+import { Act, Failed } from "../ui/action";
 import { Hint } from "../ui/hint";
-import { type Grasp, listedGrasps, type Target } from "../view3d/scene";
+import type { Grasp, Target } from "../view3d/scene";
 import type { Selection } from "../viewer/viewer";
 import { MAX_CLEARANCE_M, SelectedGrasp } from "./selected_grasp";
 import { Trust, TRUST_CLASSES } from "./trust";
-import { useReach } from "./use_reach";
+import type { Reach } from "./use_reach";
 
 interface GraspsProps {
-  scan: Scan;
   model: Model;
+  /** The grasps to list. */
+  listed: readonly Grasp[];
+  reach: Reach;
   selection: Selection | null;
   select: (selection: Selection | null) => void;
   /** Selects a target, and turns the view to it. */
   show: (target: Target) => void;
 }
 
-/** The best grasps. A press on one selects it and shows its details; another press deselects it. */
-export function Grasps({ scan, model, selection, select, show }: GraspsProps) {
+/** The best grasps, those that the arm reaches first. A press on one selects it and shows its details; another press deselects it. */
+export function Grasps({ model, listed, reach, selection, select, show }: GraspsProps) {
   const total = model.grasps.length;
-  const listed = listedGrasps(model);
-  const reach = useReach(scan.id, model);
   const selected = selection?.target.kind === "grasp" ? selection.target.id : null;
   return (
     <section>
@@ -31,6 +32,7 @@ export function Grasps({ scan, model, selection, select, show }: GraspsProps) {
         </Hint>
       </h2>
       {total === 0 && <p>{hasUntrusted(model) ? t("result.grasps.none_trusted") : t("result.grasps.none")}</p>}
+      <ReachOfAll model={model} reach={reach} />
       <ul class="targets">
         {listed.map((grasp) => (
           <li key={grasp.id}>
@@ -42,7 +44,7 @@ export function Grasps({ scan, model, selection, select, show }: GraspsProps) {
             >
               {graspText(grasp)}{" "}
               {!grasp.trusted && <Trust verdict="review">{t("result.trust.review")}</Trust>}
-              {reach.grasps?.get(grasp.id)?.reachable === false && (
+              {reach.grasps?.get(grasp.id)?.reach?.reachable === false && (
                 <Trust verdict="review">{t("result.grasps.not_reachable")}</Trust>
               )}
             </button>
@@ -58,6 +60,29 @@ export function Grasps({ scan, model, selection, select, show }: GraspsProps) {
         ))}
       </ul>
     </section>
+  );
+}
+
+/** How many grasps the arm reaches, or a button to check it where that is not known. */
+function ReachOfAll({ model, reach: { grasps, requested, check, checking } }: { model: Model; reach: Reach }) {
+  const total = model.grasps.length;
+  if (grasps === null || grasps.size === 0) return null;
+  const known = [...grasps.values()].flatMap(({ reach }) => (reach === null ? [] : [reach]));
+  const reachable = known.filter((reach) => reach.reachable).length;
+  if (known.length > 0) {
+    if (reachable === 0) return <p class="note warn">{t("result.grasps.reach_none", { total })}</p>;
+    return <p>{reachable === total ? t("result.grasps.reach_all") : t("result.grasps.reach_some", { reachable, total })}</p>;
+  }
+  return (
+    <>
+      <p>{requested ? t("result.grasps.reach_not_given") : t("result.grasps.reach_unknown")}</p>
+      <p>
+        <Act action={checking} work={check} doing={t("result.grasps.reach_checking")}>
+          {t("result.grasps.reach_check")}
+        </Act>
+      </p>
+      <Failed failure={checking.failure} />
+    </>
   );
 }
 

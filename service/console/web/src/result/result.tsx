@@ -21,10 +21,12 @@ import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
+import { listedGrasps } from "./listed_grasps";
 import { NewestResult } from "./newest_result";
 import { SelectedPoint } from "./selected_point";
 import { Strings } from "./strings";
 import { useHeights } from "./use_heights";
+import { useReach } from "./use_reach";
 import { useResult } from "./use_result";
 
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
@@ -41,9 +43,15 @@ function Result({ id }: { id: string }) {
   const { scan, model, cloud, views } = loaded;
   const heights = useHeights(scan);
   const { map } = heights;
+  const reach = useReach(id, model);
+  const grasp = selection?.target.kind === "grasp" ? selection.target.id : null;
+  const grasps = useMemo(
+    () => (model === null ? [] : listedGrasps(model, reach.grasps, grasp)),
+    [model, reach.grasps, grasp],
+  );
   const content = useMemo(
-    () => ({ model, cloud, views, others, heights: map }),
-    [model, cloud, views, others, map],
+    () => ({ model, grasps, cloud, views, others, heights: map }),
+    [model, grasps, cloud, views, others, map],
   );
   const drawn = useRef<HTMLDivElement>(null);
   const show = (target: Target) => {
@@ -92,7 +100,7 @@ function Result({ id }: { id: string }) {
                 <SelectedPoint model={model} target={selection?.target ?? null} select={select} />
                 <Strings model={model} show={show} />
                 <Crossings model={model} show={show} />
-                <Grasps scan={scan} model={model} selection={selection} select={select} show={show} />
+                <Grasps model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
               </>
             )}
             {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}

@@ -1,10 +1,12 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { mm, percent, plusMinus, pointText } from "../texts/format";
+import { geometry } from "../state/geometry";
 import { sentence } from "../texts/sentence";
 import { SHAPES, type Tone } from "../texts/states";
 import { findText, t } from "../texts/translate";
-import { Hint } from "../ui/hint";
+import { HintedEntry } from "../ui/hint";
+import { isPlannedFor } from "../view3d/planned_gripper";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
 import type { Reach } from "./use_reach";
 
@@ -28,6 +30,7 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
   }, [picked]);
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);
+  const gripper = geometry.value?.gripper;
   return (
     <section ref={section} class="panel point" aria-label={t("result.grasp.region")}>
       <dl>
@@ -47,6 +50,9 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
                 down: mm(apart_m(T_base_flange.pregrasp, T_base_flange.grasp), 0),
                 up: mm(apart_m(T_base_flange.grasp, T_base_flange.retreat), 0),
               })}
+              {gripper && !isPlannedFor(grasp, gripper) && (
+                <Remark tone="warn">{t("result.grasp.motion_other_gripper")}</Remark>
+              )}
             </dd>
           </>
         )}
@@ -63,12 +69,9 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
         <dt>{t("result.point.position")}</dt>
         <dd>{pointText(positionOf(T_base_grasp))}</dd>
         {sigma_m !== null && (
-          <>
-            <dt>
-              <Hint term="sigma">{t("result.point.sigma")}</Hint>
-            </dt>
-            <dd>{plusMinus(sigma_m)}</dd>
-          </>
+          <HintedEntry term="sigma" name={t("result.point.sigma")}>
+            {plusMinus(sigma_m)}
+          </HintedEntry>
         )}
       </dl>
     </section>
@@ -79,7 +82,7 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
 function ReachText({ grasp, reach: { grasps, failure } }: { grasp: Grasp; reach: Reach }) {
   if (failure !== null) return <>{t("result.grasp.reach_failed", { reason: failure.detail })}</>;
   if (grasps === null) return <>{t("result.grasp.reach_loading")}</>;
-  const reach = grasps.get(grasp.id) ?? null;
+  const reach = grasps.get(grasp.id)?.reach ?? null;
   if (reach === null) return <>{t("result.grasp.reach_unknown")}</>;
   if (!reach.reachable) {
     const reason = findText(`result.grasp.reason.${reach.reason}`) ?? sentence(reach.message ?? "");

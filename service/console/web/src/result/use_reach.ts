@@ -1,30 +1,52 @@
 import { useState } from "preact/hooks";
-import { api, resultOf, type GraspReach, type Model } from "../net/api";
-import type { Failure } from "../ui/action";
+import { api, longCall, resultOf, type GraspReach, type Model } from "../net/api";
+import { type Action, type Failure, useAction } from "../ui/action";
 import { useQuery } from "../ui/use_query";
+import type { Grasp } from "../view3d/scene";
 
-/** Number of grasps whose reach is requested. The listed ones are among them. */
-const REQUESTED = 20;
-
-/** Whether the arm reaches the first grasps. */
-export interface Reach {
-  /** By id of the grasp; null values: not determined for this scan. Null: no answer yet. */
-  grasps: ReadonlyMap<number, GraspReach | null> | null;
-  failure: Failure | null;
+/** The answer about a grasp. */
+interface Answered {
+  /** Null: not determined. */
+  reach: GraspReach | null;
+  /** The flange poses. Where the reach was determined, the gripper may be turned by pi about its approach direction. */
+  T_base_flange: Grasp["T_base_flange"];
 }
 
-/** Ask whether the arm reaches the first grasps of a scan; nothing waits for the answer. */
-export function useReach(id: string, model: Model): Reach {
+/** Whether the arm reaches the grasps. */
+export interface Reach {
+  /** By id of the grasp. Null: no answer yet. */
+  grasps: ReadonlyMap<number, Answered> | null;
+  failure: Failure | null;
+  /** Whether a person asked for it. */
+  requested: boolean;
+  /** Asks for the reach by the configured cell, also for a recording. Nothing moves. */
+  check: () => Promise<void>;
+  checking: Action;
+}
+
+/** Ask whether the arm reaches the grasps of a scan; nothing waits for the answer. */
+export function useReach(id: string, model: Model | null): Reach {
   const [grasps, setGrasps] = useState<Reach["grasps"]>(null);
-  const known = model.grasps.some(({ T_base_flange }) => T_base_flange !== null);
+  const [requested, setRequested] = useState(false);
+  const checking = useAction();
+  const known = model === null ? null : model.grasps.some(({ T_base_flange }) => T_base_flange !== null);
+
+  async function ask(query: { reach?: boolean }): Promise<Reach["grasps"]> {
+    const call = api.GET("/api/scans/{id}/grasps", { params: { path: { id }, query }, ...longCall });
+    return new Map((await resultOf(call)).grasps.map((grasp) => [grasp.id, grasp as Answered & { id: number }]));
+  }
+
   const failure = useQuery(
     async () => {
-      if (!known) return [];
-      const params = { path: { id }, query: { count: REQUESTED } };
-      return (await resultOf(api.GET("/api/scans/{id}/grasps", { params }))).grasps;
+      if (known === null) return null;
+      return known ? ask({}) : new Map();
     },
-    (answered) => setGrasps(new Map(answered.map((grasp) => [grasp.id, grasp.reach]))),
+    setGrasps,
     [id, known],
   );
-  return { grasps, failure };
+  async function check(): Promise<void> {
+    setGrasps(await ask({ reach: true }));
+    setRequested(true);
+  }
+  return { grasps, failure, requested, check, checking };
 }

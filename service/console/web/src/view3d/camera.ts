@@ -28,8 +28,8 @@ export class Orbit {
     this.camera.updateProjectionMatrix();
   }
 
-  /** Fit all points from a direction; return whether there were any. */
-  fit(points: readonly Vector3[], from: Vector3): boolean {
+  /** Fit all points from a direction, the present one if none is given; return whether there were any. */
+  fit(points: readonly Vector3[], from = this.direction()): boolean {
     const framed = framing(points, from, FOV_RAD, this.camera.aspect);
     if (framed) this.place(framed);
     return framed !== null;
@@ -37,7 +37,7 @@ export class Orbit {
 
   /** Turn to a point, and approach it until a radius around it fills the view. */
   approach(point: Vector3, around_m: number): void {
-    const from = this.camera.position.clone().sub(this.controls.target).normalize();
+    const from = this.direction();
     const distance = (1.5 * around_m) / Math.tan(FOV_RAD / 2) / Math.min(1, this.camera.aspect);
     this.place({ position: point.clone().addScaledVector(from, distance), target: point });
   }
@@ -59,6 +59,11 @@ export class Orbit {
 
   dispose(): void {
     this.controls.dispose();
+  }
+
+  /** Return the direction from the target to the camera. */
+  private direction(): Vector3 {
+    return this.camera.position.clone().sub(this.controls.target).normalize();
   }
 
   private place({ position, target }: Framing): void {

@@ -41,21 +41,24 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
   return { position: target.clone().addScaledVector(towards, distance), target };
 }
 
-/** Return the points of the overview: strings, cloud or workspace, the shown layers around them, the selected grasp. */
+/**
+ * Return the points of the overview: strings, cloud or workspace, the selected grasp, and the shown layers around them. The
+ * arm is not included beside a selected grasp, which would be small.
+ */
 export function pointsToFrame(
   content: Content,
   cloud: Float32Array | null,
   shown: ReadonlySet<Layer>,
   marked: Target | null,
 ): Vector3[] {
-  const { model, geometry, q_rad, views } = content;
+  const { model, grasps, gripper, geometry, q_rad, views } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
   if (points.length === 0 && geometry !== null) points.push(...corners(geometry));
-  const grasp = marked?.kind === "grasp" ? model?.grasps.find(({ id }) => id === marked.id) : undefined;
-  if (grasp) points.push(...pointsOfMotion(grasp));
+  const grasp = marked?.kind === "grasp" ? grasps.find(({ id }) => id === marked.id) : undefined;
+  if (grasp) points.push(...pointsOfMotion(grasp, gripper));
   if (shown.has("cameras")) points.push(...views.map(eyeOf));
-  if (shown.has("arm") && geometry !== null && q_rad !== null) {
+  if (!grasp && shown.has("arm") && geometry !== null && q_rad !== null) {
     points.push(...capsuleEnds(geometry.arm, q_rad).flatMap(([, ends]) => ends));
   }
   return points;

@@ -5,126 +5,158 @@ import {
 import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
+import { isPlannedFor, lengthOf } from "./planned_gripper";
 import { matrixOf } from "./pose";
-import { arrow, rod } from "./rod";
-import type { CellGeometry, Grasp } from "./scene";
+import { arrow } from "./rod";
+import type { Grasp, Gripper } from "./scene";
 
-/** Sizes of the fingers and the palm where the gripper is not known, metres: those of the default gripper. */
-const DEFAULT = { finger_thickness_m: 0.005, finger_width_m: 0.01, finger_depth_m: 0.04, palm_width_m: 0.075 };
 const PALM_M = 0.006;
 /** The flange of a UR arm, as ISO 9409-1 has it. */
 const [FLANGE_RADIUS_M, FLANGE_M] = [0.0315, 0.006];
 const [STEM_M, ARROW_M] = [0.0025, 0.0009];
-/** Distance of the arrows from the palm. */
+/** Distance of the arrows from the gripper. */
 const BESIDE_M = 0.008;
-/** Opacity of the fingers at the grasp and elsewhere. Palm and flange are clearer: from above, they cover the string. */
+/** Opacity of the fingers at the grasp and elsewhere. The other parts are clearer: from above, they cover the string. */
 const [SOLID, FAINT] = [0.75, 0.2];
-const [OF_PALM, OF_FLANGE] = [0.6, 0.25];
+const [OF_PALM, OF_BODY, OF_FLANGE] = [0.35, 0.15, 0.2];
+/** Pre-grasp and retreat that are nearer to one another are drawn as one pose. */
+const SAME_POSE_M = 0.001;
 
-/** A rectangular box: its centre and its size in the frame of the grasp. */
-type Box = readonly [centre: readonly [number, number, number], size: readonly [number, number, number]];
+/** A rectangular box: its centre and its size, in the frame of the gripper. */
+interface Box {
+  centre: readonly [number, number, number];
+  size: readonly [number, number, number];
+  /** Opacity relative to the fingers. */
+  opacity: number;
+}
+
+/** Poses of the gripper's frame during a motion, base frame. Its origin is the flange's, and x is the closing direction. */
+interface Motion {
+  grasp: Matrix4;
+  pregrasp: Matrix4;
+  retreat: Matrix4;
+}
 
 /**
- * Draw the gripper up to the flange, at the grasp in full, and faint at the pre-grasp (open) and at the retreat (closed).
- * Arrows show the motions between them. Return null if the flange poses are not known.
+ * Draw the gripper up to the flange: at the grasp in full, and faint at the pre-grasp (open) and at the retreat (closed),
+ * or once (open) where both are the same pose. Arrows show the motions between them. Return null if the motion is not known.
  */
-export function drawMotion(grasp: Grasp, radius_m: number, geometry: CellGeometry | null, palette: Palette): Group | null {
-  const poses = posesOf(grasp);
-  if (poses === null) return null;
-  const gripper = geometry?.gripper ?? DEFAULT;
-  const { opening_m, reach_m } = grasp;
-  const closed_m = Math.min(2 * radius_m, opening_m);
-  const palm_m = Math.max(gripper.palm_width_m, opening_m + 2 * gripper.finger_thickness_m);
+export function drawMotion(grasp: Grasp, radius_m: number, gripper: Gripper | null, palette: Palette): Group | null {
+  const motion = motionOf(grasp, gripper);
+  if (gripper === null || motion === null) return null;
+  const { opening_m } = grasp;
+  const open = boxesOf(gripper, opening_m);
   const group = new Group();
   group.add(
-    drawGripper(boxes(grasp, opening_m, gripper, palm_m), poses.grasp, poses.flange, palette.accent, SOLID),
-    drawGripper(boxes(grasp, opening_m, gripper, palm_m), poses.pregrasp, poses.flange, palette.accent, FAINT),
-    drawGripper(boxes(grasp, closed_m, gripper, palm_m), poses.retreat, poses.flange, palette.muted, FAINT),
+    drawGripper(open, motion.grasp, palette.accent, SOLID),
+    drawGripper(open, motion.pregrasp, palette.accent, FAINT),
   );
-  const palm = (pose: Matrix4, x: number) =>
-    new Vector3(x, 0, reach_m - gripper.finger_depth_m - PALM_M / 2).applyMatrix4(pose);
-  const beside = palm_m / 2 + BESIDE_M;
+  const beside = BESIDE_M + Math.max(...open.map(({ centre, size }) => Math.abs(centre[0]) + size[0] / 2));
+  const palm = (pose: Matrix4, x: number) => new Vector3(x, 0, palmZ(gripper)).applyMatrix4(pose);
   group.add(
-    arrow(palm(poses.pregrasp, beside), palm(poses.grasp, beside), ARROW_M, palette.accent),
-    arrow(palm(poses.grasp, -beside), palm(poses.retreat, -beside), ARROW_M, palette.muted),
-    label({ brief: t("viewer.label.pregrasp"), kind: "motion", rank: 0 }, palm(poses.pregrasp, beside)),
-    label({ brief: t("viewer.label.retreat"), kind: "motion back", rank: 0 }, palm(poses.retreat, -beside)),
+    arrow(palm(motion.pregrasp, beside), palm(motion.grasp, beside), ARROW_M, palette.accent),
+    arrow(palm(motion.grasp, -beside), palm(motion.retreat, -beside), ARROW_M, palette.muted),
   );
-  return group;
+  // The flange is the part of a faint gripper that the one at the grasp never covers.
+  const atFlange = (pose: Matrix4, x: number) => new Vector3(x, 0, 0).applyMatrix4(pose);
+  if (isOnePose(motion)) {
+    const text = { brief: t("viewer.label.pregrasp_and_retreat"), kind: "motion", rank: 0, around_m: FLANGE_RADIUS_M / 2 };
+    return group.add(label(text, atFlange(motion.pregrasp, 0)));
+  }
+  const closed = boxesOf(gripper, Math.min(2 * radius_m, opening_m));
+  return group.add(
+    drawGripper(closed, motion.retreat, palette.muted, FAINT),
+    label({ brief: t("viewer.label.pregrasp"), kind: "motion", rank: 0 }, atFlange(motion.pregrasp, FLANGE_RADIUS_M)),
+    label({ brief: t("viewer.label.retreat"), kind: "motion back", rank: 0 }, atFlange(motion.retreat, -FLANGE_RADIUS_M)),
+  );
 }
 
-/** Return the middle of the palm at the grasp. */
-export function palmOf({ reach_m, T_base_grasp }: Grasp, geometry: CellGeometry | null): Vector3 {
-  const { finger_depth_m } = geometry?.gripper ?? DEFAULT;
-  return new Vector3(0, 0, reach_m - finger_depth_m - PALM_M / 2).applyMatrix4(matrixOf(T_base_grasp));
+/** Return the middle of the palm at the grasp; null if the motion is not known. */
+export function palmOf(grasp: Grasp, gripper: Gripper | null): Vector3 | null {
+  const motion = motionOf(grasp, gripper);
+  return gripper && motion && new Vector3(0, 0, palmZ(gripper)).applyMatrix4(motion.grasp);
 }
 
-/** Return the middle of a motion, and the radius around it that contains its fingers; null without flange poses. */
-export function fingersOfMotion(grasp: Grasp): { point: Vector3; around_m: number } | null {
-  const poses = posesOf(grasp);
-  if (poses === null) return null;
-  const { reach_m } = grasp;
-  const behind = new Vector3(0, 0, reach_m - DEFAULT.finger_depth_m - PALM_M);
-  const tip = new Vector3(0, 0, reach_m).applyMatrix4(poses.grasp);
-  const back = farthest(tip, [behind.clone().applyMatrix4(poses.pregrasp), behind.applyMatrix4(poses.retreat)]);
-  return { point: tip.clone().lerp(back, 0.5), around_m: tip.distanceTo(back) / 2 };
+/** Return the corners of the gripper, and points of the flange's edge, at all poses of the motion; empty if it is not known. */
+export function pointsOfMotion(grasp: Grasp, gripper: Gripper | null): Vector3[] {
+  const motion = motionOf(grasp, gripper);
+  if (gripper === null || motion === null) return [];
+  const signs = [-1, 1];
+  const flange = signs.flatMap((x) => signs.map((y) => new Vector3(x * FLANGE_RADIUS_M, y * FLANGE_RADIUS_M, -FLANGE_M)));
+  const corners = boxesOf(gripper, grasp.opening_m).flatMap(({ centre, size: [x, y, z] }) =>
+    signs.flatMap((i) => signs.flatMap((j) => signs.map((k) =>
+      new Vector3((i * x) / 2, (j * y) / 2, (k * z) / 2).add(new Vector3(...centre)),
+    ))),
+  );
+  return [motion.grasp, motion.pregrasp, motion.retreat].flatMap((pose) =>
+    [...flange, ...corners].map((point) => point.clone().applyMatrix4(pose)),
+  );
 }
 
-/** Return the points between which the gripper and the flange move; empty without flange poses. */
-export function pointsOfMotion(grasp: Grasp): Vector3[] {
-  const poses = posesOf(grasp);
-  if (poses === null) return [];
-  const tip = new Vector3(0, 0, grasp.reach_m).applyMatrix4(poses.grasp);
-  const flanges = [poses.pregrasp, poses.retreat].map((pose) => positionOf(pose.clone().multiply(poses.flange)));
-  return [tip, farthest(tip, flanges)];
+/** Return the poses of the gripper; null if they are not known, or are those of a gripper of another length or mounting. */
+function motionOf(grasp: Grasp, gripper: Gripper | null): Motion | null {
+  const { T_base_flange } = grasp;
+  if (T_base_flange === null || gripper === null || !isPlannedFor(grasp, gripper)) return null;
+  const mounting = new Matrix4().makeRotationZ(gripper.mounting_rotation_rad);
+  const poseOf = (T_base: Grasp["T_base_grasp"]) => matrixOf(T_base).multiply(mounting);
+  return {
+    grasp: poseOf(T_base_flange.grasp),
+    pregrasp: poseOf(T_base_flange.pregrasp),
+    retreat: poseOf(T_base_flange.retreat),
+  };
 }
 
-function farthest(from: Vector3, points: readonly Vector3[]): Vector3 {
-  return points.reduce((far, point) => (from.distanceTo(point) > from.distanceTo(far) ? point : far), from);
+function isOnePose({ pregrasp, retreat }: Motion): boolean {
+  return positionOf(pregrasp).distanceTo(positionOf(retreat)) < SAME_POSE_M;
 }
 
-/** Return the poses of the grasp's frame during the motion, base frame, and the pose of the flange in that frame. */
-function posesOf({ T_base_grasp, T_base_flange }: Grasp) {
-  if (T_base_flange === null) return null;
-  const grasp = matrixOf(T_base_grasp);
-  const flange = grasp.clone().invert().multiply(matrixOf(T_base_flange.grasp));
-  const back = flange.clone().invert();
-  const poseOf = (T_base: Grasp["T_base_grasp"]) => matrixOf(T_base).multiply(back);
-  return { grasp, flange, pregrasp: poseOf(T_base_flange.pregrasp), retreat: poseOf(T_base_flange.retreat) };
+/** Return the middle of the drawn palm along the axis of the gripper. */
+function palmZ(gripper: Gripper): number {
+  return lengthOf(gripper) - gripper.finger_depth_m - PALM_M / 2;
 }
 
-/** Return the two fingers at a distance from one another, and the palm behind them. */
-function boxes({ reach_m }: Grasp, apart_m: number, gripper: typeof DEFAULT, palm_m: number): Box[] {
-  const { finger_thickness_m: thick, finger_width_m: wide, finger_depth_m: long } = gripper;
+/** Return the two fingers at a distance from one another, the palm behind them, and the body up to the flange. */
+function boxesOf(gripper: Gripper, apart_m: number): Box[] {
+  const { finger_thickness_m: thick, finger_width_m: wide, finger_depth_m: long, stroke_m, palm_width_m } = gripper;
   const beside = (apart_m + thick) / 2;
-  const finger = (x: number): Box => [[x, 0, reach_m - long / 2], [thick, wide, long]];
-  return [finger(-beside), finger(beside), [[0, 0, reach_m - long - PALM_M / 2], [palm_m, 1.5 * wide, PALM_M]]];
+  const finger = (x: number): Box => ({ centre: [x, 0, lengthOf(gripper) - long / 2], size: [thick, wide, long], opacity: 1 });
+  // The palm as the planner of the grasps checks it: its width across the string is that of the fingers at the largest opening.
+  const palm: Box = {
+    centre: [0, 0, palmZ(gripper)],
+    size: [stroke_m + 2 * thick, palm_width_m, PALM_M],
+    opacity: OF_PALM,
+  };
+  const body = gripper.body_m.map(([one, other]): Box => ({
+    centre: [(one[0] + other[0]) / 2, (one[1] + other[1]) / 2, (one[2] + other[2]) / 2],
+    size: [Math.abs(other[0] - one[0]), Math.abs(other[1] - one[1]), Math.abs(other[2] - one[2])],
+    opacity: OF_BODY,
+  }));
+  // Without a body, a rod stands for what is between palm and flange.
+  const back = lengthOf(gripper) - long - PALM_M;
+  const stem: Box = { centre: [0, 0, back / 2], size: [2 * STEM_M, 2 * STEM_M, back], opacity: 1 };
+  return [finger(-beside), finger(beside), palm, ...(body.length > 0 ? body : [stem])];
 }
 
-/** Draw a gripper and the flange behind it, in a pose of the grasp's frame. */
-function drawGripper(parts: readonly Box[], pose: Matrix4, flange: Matrix4, colour: Color, opacity: number): Group {
+/** Draw a gripper and the flange behind it. */
+function drawGripper(parts: readonly Box[], pose: Matrix4, colour: Color, opacity: number): Group {
   const group = new Group();
-  parts.forEach(([centre, size], index) => {
-    const isPalm = index === parts.length - 1;
-    const body = translucent(new BoxGeometry(...size), colour, opacity * (isPalm ? OF_PALM : 1));
+  for (const { centre, size, opacity: relative } of parts) {
+    const body = translucent(new BoxGeometry(...size), colour, opacity * relative, relative === 1 && opacity === SOLID);
     body.position.set(...centre);
     group.add(body);
-  });
+  }
   const round = new CylinderGeometry(FLANGE_RADIUS_M, FLANGE_RADIUS_M, FLANGE_M, 32).rotateX(Math.PI / 2);
-  const disc = translucent(round, colour, opacity * OF_FLANGE);
-  disc.applyMatrix4(flange.clone().multiply(new Matrix4().makeTranslation(0, 0, -FLANGE_M / 2)));
-  const back = parts.at(-1)?.[0] ?? [0, 0, 0];
-  const stem = rod(new Vector3(...back), positionOf(flange), STEM_M, colour);
-  Object.assign(stem.material, { transparent: true, opacity, depthWrite: false });
-  group.add(disc, stem);
+  const disc = translucent(round, colour, opacity * OF_FLANGE, false);
+  disc.position.set(0, 0, -FLANGE_M / 2);
+  group.add(disc);
   group.applyMatrix4(pose);
   return group;
 }
 
 /** Return a translucent body with its edges. */
-function translucent(shape: BoxGeometry | CylinderGeometry, colour: Color, opacity: number): Mesh {
-  const body = new MeshLambertMaterial({ color: colour, transparent: true, opacity, depthWrite: opacity === SOLID });
-  const edges = new LineBasicMaterial({ color: colour, transparent: true, opacity: Math.min(1, Math.max(0.5, 4 * opacity)) });
+function translucent(shape: BoxGeometry | CylinderGeometry, colour: Color, opacity: number, hides: boolean): Mesh {
+  const body = new MeshLambertMaterial({ color: colour, transparent: true, opacity, depthWrite: hides });
+  const edges = new LineBasicMaterial({ color: colour, transparent: true, opacity: Math.min(1, Math.max(0.25, 4 * opacity)) });
   const mesh = new Mesh(shape, body);
   return mesh.add(new LineSegments(new EdgesGeometry(shape, 30), edges));
 }

@@ -4,16 +4,16 @@ import { t } from "../texts/translate";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import { type CellGeometry, type Grasp, listedGrasps, type Model } from "./scene";
+import type { Grasp } from "./scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
 /** Drawn fingers are slimmer than real ones, to tell neighbouring grasps apart. */
 const [THICK_M, WIDE_M, LONG_M] = [0.0007, 0.0018, 0.014];
 
-/** Draw the listed grasps, without the selected one: two fingers beside the string and the bar that joins them. */
-export function drawGrasps(model: Model | null, selected: number | null, palette: Palette): Group {
+/** Draw grasps without the selected one: two fingers beside the string and the bar that joins them. */
+export function drawGrasps(all: readonly Grasp[], selected: number | null, palette: Palette): Group {
   const group = new Group();
-  const grasps = model === null ? [] : listedGrasps(model).filter(({ id }) => id !== selected);
+  const grasps = all.filter(({ id }) => id !== selected);
   if (grasps.length === 0) return group;
   group.add(bars(grasps, palette.grasp, { thick: THICK_M, wide: WIDE_M, long: LONG_M }));
   for (const grasp of grasps) {
@@ -24,16 +24,10 @@ export function drawGrasps(model: Model | null, selected: number | null, palette
   return group;
 }
 
-/** Draw one grasp in the size of the gripper, where that is known. */
-export function drawGrasp(grasp: Grasp, geometry: CellGeometry | null, colour: Color): Group {
+/** Draw one grasp whose gripper is not known: two fingers of any size. */
+export function drawGrasp(grasp: Grasp, colour: Color): Group {
   const group = new Group();
-  const gripper = geometry?.gripper;
-  const size = {
-    thick: gripper?.finger_thickness_m ?? 4 * THICK_M,
-    wide: gripper?.finger_width_m ?? 4 * WIDE_M,
-    long: gripper?.finger_depth_m ?? 2 * LONG_M,
-  };
-  const mesh = bars([grasp], colour, size);
+  const mesh = bars([grasp], colour, { thick: 4 * THICK_M, wide: 4 * WIDE_M, long: 2 * LONG_M });
   mesh.material.transparent = true;
   mesh.material.opacity = 0.7;
   return group.add(mesh);

@@ -6,7 +6,7 @@ import { drawView, eyeOf } from "./cameras";
 import { crossingText, strandsOf } from "./crossings";
 import type { Piece } from "./gaps";
 import { drawGrasp, graspText, handleOf } from "./grasps";
-import { drawMotion, fingersOfMotion, palmOf } from "./grasp_motion";
+import { drawMotion, palmOf, pointsOfMotion } from "./grasp_motion";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { rod } from "./rod";
@@ -58,13 +58,14 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
       break;
     }
     case "grasp": {
-      const one = content.model?.grasps.find((grasp) => grasp.id === target.id);
+      const one = content.grasps.find((grasp) => grasp.id === target.id);
       if (!one) break;
-      const { geometry } = content;
-      const motion = drawMotion(one, chain(one.chain)?.radius_m ?? 0, geometry, palette);
+      const { gripper } = content;
+      const motion = drawMotion(one, chain(one.chain)?.radius_m ?? 0, gripper, palette);
+      const palm = palmOf(one, gripper);
       const name = t("viewer.label.grasp", { index: one.id });
-      if (motion !== null) group.add(motion, marked(name, undefined, palmOf(one, geometry)));
-      else group.add(drawGrasp(one, geometry, palette.accent), marked(name, graspText(one), handleOf(one)));
+      if (motion !== null && palm !== null) group.add(motion, marked(name, undefined, palm));
+      else group.add(drawGrasp(one, palette.accent), marked(name, graspText(one), handleOf(one)));
       break;
     }
     case "at":
@@ -73,8 +74,16 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
   return group;
 }
 
-/** Return where a target is, and the radius of the region to show, metres; null if there is no such target. */
-export function whereIs(target: Target, content: Content): { point: Vector3; around_m: number } | null {
+/** A target's position, and the radius of the region to show, metres. */
+interface Place {
+  point: Vector3;
+  around_m: number;
+  /** Points to show instead of the whole region. */
+  outline?: Vector3[];
+}
+
+/** Return where a target is; null if there is no such target. */
+export function whereIs(target: Target, content: Content): Place | null {
   const spot = (id: number, s_m: number) => {
     const chain = content.model?.chains.find((one) => one.id === id);
     return chain ? { point: new Vector3().fromArray(pointAt(chain, s_m).point), around_m: 10 * chain.radius_m } : null;
@@ -106,8 +115,8 @@ export function whereIs(target: Target, content: Content): { point: Vector3; aro
       return { point: eye.clone().lerp(centre, 0.5), around_m: 0.05 + eye.distanceTo(centre) / 2 };
     }
     case "grasp": {
-      const grasp = content.model?.grasps.find((one) => one.id === target.id);
-      return grasp ? (fingersOfMotion(grasp) ?? { point: handleOf(grasp), around_m: 0.06 }) : null;
+      const grasp = content.grasps.find((one) => one.id === target.id);
+      return grasp ? { point: handleOf(grasp), around_m: 0.06, outline: pointsOfMotion(grasp, content.gripper) } : null;
     }
     case "at":
       return { point: new Vector3().fromArray(target.point), around_m: 10 * RADIUS_M };

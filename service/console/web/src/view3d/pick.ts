@@ -3,7 +3,7 @@ import { pieceCount, vertexAt } from "./arc_length";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
-import { type Chain, type Content, type Layer, listedGrasps, type Target } from "./scene";
+import { type Chain, type Content, type Layer, type Target } from "./scene";
 import { pixelsAhead, type Screen, type Seen, project } from "./screen";
 
 /** Accuracy of a finger, pixels; less where many targets are close together. */
@@ -11,7 +11,7 @@ const [FINGER, NEAR] = [24, 14];
 
 /** Return the target at a point of the canvas: crossings and grasps before strings, strings before cameras. */
 export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen, x: number, y: number): Target | null {
-  const { model, views } = content;
+  const { model, grasps, views } = content;
   const apart = (point: Vector3 | undefined) => {
     const projected = point && project(point, screen);
     return projected && projected.ahead_m > 0 ? Math.hypot(projected.x - x, projected.y - y) : Infinity;
@@ -20,8 +20,8 @@ export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen
     const crossing = nearest(model.crossings, (one) => apart(strandsOf(one, model)?.over), NEAR);
     if (crossing) return { kind: "crossing", id: crossing.id };
   }
-  if (model !== null && shown.has("grasps")) {
-    const grasp = nearest(listedGrasps(model), (one) => apart(handleOf(one)), NEAR);
+  if (shown.has("grasps")) {
+    const grasp = nearest(grasps, (one) => apart(handleOf(one)), NEAR);
     if (grasp) return { kind: "grasp", id: grasp.id };
   }
   const found = model !== null && shown.has("strings") ? pickChain(model.chains, screen, x, y) : null;

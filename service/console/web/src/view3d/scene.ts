@@ -21,6 +21,8 @@ export type ArmCapsule = components["schemas"]["ArmCapsule"];
 export type ArmGeometry = components["schemas"]["ArmGeometry"];
 /** The cell around the strings. */
 export type CellGeometry = components["schemas"]["CellGeometry"];
+/** The dimensions of the configured gripper. */
+export type Gripper = CellGeometry["gripper"];
 
 /** Heights of the table and of what lies on it, in square cells. */
 export type HeightMap = components["schemas"]["HeightMapDocument"];
@@ -34,10 +36,14 @@ export interface Other {
 /** The content to draw; unknown parts are null or empty. */
 export interface Content {
   model: Model | null;
+  /** The grasps of the model that are drawn: all of them would hide the strings. */
+  grasps: readonly Grasp[];
   /** `cloud.ply` as served. */
   cloud: ArrayBuffer | null;
   views: readonly ViewPose[];
   geometry: CellGeometry | null;
+  /** The configured gripper, which the picture of a selected grasp shows. */
+  gripper: Gripper | null;
   /** Current joint angles; null: the arm is not drawn. */
   q_rad: readonly number[] | null;
   others: readonly Other[];
@@ -66,15 +72,6 @@ export function lineOf(method: string): { style: LineStyle; colour: string } {
 
 /** A crossing with a lower confidence is shown as not certain. */
 export const CERTAIN_CONFIDENCE = 0.9;
-
-/** Number of grasps that are listed and drawn: all of them would hide the strings. */
-const LISTED_GRASPS = 5;
-
-/** Return the grasps that are listed and drawn: the best one of each of the first clusters. */
-export function listedGrasps({ grasps }: Model): Grasp[] {
-  const clusters = new Set<number>();
-  return grasps.filter(({ cluster }) => !clusters.has(cluster) && clusters.add(cluster)).slice(0, LISTED_GRASPS);
-}
 
 /** Return whether a person must check a crossing. */
 export function isUncertain(crossing: Crossing): boolean {

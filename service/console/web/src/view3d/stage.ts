@@ -24,7 +24,9 @@ import { drawStrings } from "./strings";
 import { onTap } from "./tap";
 import type { View3D } from "./view3d";
 
-const NOTHING: Content = { model: null, cloud: null, views: [], geometry: null, q_rad: null, others: [], heights: null };
+const NOTHING: Content = {
+  model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [], heights: null,
+};
 
 /** Holds the content and draws it only when something has changed. */
 export class Stage implements View3D {
@@ -109,7 +111,8 @@ export class Stage implements View3D {
     const where = whereIs(target, this.content);
     if (where === null) return;
     this.needsFit = false;
-    this.orbit.approach(where.point, where.around_m);
+    if (where.outline?.length) this.orbit.fit(where.outline);
+    else this.orbit.approach(where.point, where.around_m);
   }
 
   viewFrom(from: "fit" | "top" | "side"): void {
@@ -155,7 +158,7 @@ export class Stage implements View3D {
     parts.strings.update(model, palette);
     parts.others.update(content.others);
     parts.crossings.update(model, palette);
-    parts.grasps.update(model, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
+    parts.grasps.update(content.grasps, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
     parts.cameras.update(views, model, palette);
     parts.arm.update(geometry, palette);
     parts.geometry.update(geometry, palette);

@@ -15,7 +15,7 @@ export interface Selection {
 }
 
 interface ViewerProps {
-  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights">>;
+  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps">>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
   /** Layers that are shown at first. */
@@ -44,6 +44,7 @@ export function Viewer(props: ViewerProps) {
   const onPick = useRef(picked);
   onPick.current = picked;
   const around = elsewhere ? null : geometry.value;
+  const gripper = geometry.value?.gripper ?? null;
   const q_rad = elsewhere || lost.value ? null : (cell.value?.robot.q_rad ?? null);
 
   useEffect(() => {
@@ -73,7 +74,7 @@ export function Viewer(props: ViewerProps) {
     };
   }, []);
 
-  useEffect(() => view?.show({ heights: null, ...content, geometry: around, q_rad }), [view, content, around]);
+  useEffect(() => view?.show({ heights: null, grasps: [], ...content, geometry: around, gripper, q_rad }), [view, content, around, gripper]);
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
     if (fit > 0) view?.viewFrom("fit");
