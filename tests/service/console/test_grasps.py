@@ -176,10 +176,26 @@ def test_pre_grasp_and_retreat_are_labelled_at_their_flanges(open_console: Open,
     assert ratio == pytest.approx(heights_m[0] / heights_m[1], rel=0.15)
 
 
-def test_no_motion_is_drawn_with_another_gripper(open_console: Open, crossed: ServedClient) -> None:
+def test_no_motion_is_drawn_for_another_gripper(open_console: Open, crossed: ServedClient) -> None:
+    """The gripper of the scan differs from the configured one in any dimension, such as its palm."""
+    page = open_console(crossed).page
+
+    def of_another_gripper(route: Route) -> None:
+        route.fulfill(json=json.loads(route.fetch().body()) | {"same_gripper": False})
+
+    page.route(re.compile("/grasps([?]|$)"), of_another_gripper)
+    show_grasp(page, GRIPPER)
+    expect(page.get_by_text("These grasps are for another gripper than the configured one.")).to_be_visible()
+    expect(page.get_by_role("button", name="Check the reach")).to_have_count(0)
+    expect(page.get_by_role("region", name="Selected grasp")).to_contain_text("not drawn: it is for another gripper")
+    expect(page.locator(".label3d.marked")).to_contain_text("grasp 0opening")
+    expect(page.locator(".label3d.motion")).to_have_count(0)
+
+
+def test_no_motion_is_drawn_for_a_gripper_of_another_length(open_console: Open, crossed: ServedClient) -> None:
+    """The service may not know the gripper of a scan of an earlier release, but its flange poses show the length."""
     page = open_console(crossed).page
     show_grasp(page, GRIPPER | {"length_m": LENGTH_M + 0.02}, planned_length_m=LENGTH_M)
-    expect(page.get_by_role("region", name="Selected grasp")).to_contain_text("for another gripper")
     expect(page.locator(".label3d.marked")).to_contain_text("grasp 0opening")
     expect(page.locator(".label3d.motion")).to_have_count(0)
 

@@ -20,7 +20,10 @@ interface GraspsProps {
   show: (target: Target) => void;
 }
 
-/** The best grasps, those that the arm reaches first. A press on one selects it and shows its details; another press deselects it. */
+/**
+ * The best grasps, those that the arm reaches first. A press on one selects it and shows its details; another press
+ * deselects it.
+ */
 export function Grasps({ model, listed, reach, selection, select, show }: GraspsProps) {
   const total = model.grasps.length;
   const selected = selection?.target.kind === "grasp" ? selection.target.id : null;
@@ -64,18 +67,20 @@ export function Grasps({ model, listed, reach, selection, select, show }: Grasps
 }
 
 /** How many grasps the arm reaches, or a button to check it where that is not known. */
-function ReachOfAll({ model, reach: { grasps, requested, check, checking } }: { model: Model; reach: Reach }) {
+function ReachOfAll({ model, reach: { grasps, sameGripper, check, checking } }: { model: Model; reach: Reach }) {
   const total = model.grasps.length;
   if (grasps === null || grasps.size === 0) return null;
   const known = [...grasps.values()].flatMap(({ reach }) => (reach === null ? [] : [reach]));
   const reachable = known.filter((reach) => reach.reachable).length;
   if (known.length > 0) {
     if (reachable === 0) return <p class="note warn">{t("result.grasps.reach_none", { total })}</p>;
-    return <p>{reachable === total ? t("result.grasps.reach_all") : t("result.grasps.reach_some", { reachable, total })}</p>;
+    if (reachable === total) return <p>{t("result.grasps.reach_all")}</p>;
+    return <p>{t("result.grasps.reach_some", { reachable, total })}</p>;
   }
+  if (sameGripper === false) return <p class="note warn">{t("result.grasps.other_gripper")}</p>;
   return (
     <>
-      <p>{requested ? t("result.grasps.reach_not_given") : t("result.grasps.reach_unknown")}</p>
+      <p>{t("result.grasps.reach_unknown")}</p>
       <p>
         <Act action={checking} work={check} doing={t("result.grasps.reach_checking")}>
           {t("result.grasps.reach_check")}

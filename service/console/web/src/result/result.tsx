@@ -65,6 +65,7 @@ function Result({ id }: { id: string }) {
         <Viewer
           content={content}
           elsewhere={scan !== null && isElsewhere(scan)}
+          otherGripper={reach.sameGripper === false}
           layers={LAYERS}
           onDemand={scan?.links.height_map ? { layer: "heights", set: heights.show } : null}
           selection={selection}

@@ -1,12 +1,10 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { mm, percent, plusMinus, pointText } from "../texts/format";
-import { geometry } from "../state/geometry";
 import { sentence } from "../texts/sentence";
 import { SHAPES, type Tone } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { HintedEntry } from "../ui/hint";
-import { isPlannedFor } from "../view3d/planned_gripper";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
 import type { Reach } from "./use_reach";
 
@@ -30,7 +28,6 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
   }, [picked]);
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);
-  const gripper = geometry.value?.gripper;
   return (
     <section ref={section} class="panel point" aria-label={t("result.grasp.region")}>
       <dl>
@@ -50,7 +47,7 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
                 down: mm(apart_m(T_base_flange.pregrasp, T_base_flange.grasp), 0),
                 up: mm(apart_m(T_base_flange.grasp, T_base_flange.retreat), 0),
               })}
-              {gripper && !isPlannedFor(grasp, gripper) && (
+              {reach.sameGripper === false && (
                 <Remark tone="warn">{t("result.grasp.motion_other_gripper")}</Remark>
               )}
             </dd>

@@ -16,37 +16,39 @@ interface Answered {
 export interface Reach {
   /** By id of the grasp. Null: no answer yet. */
   grasps: ReadonlyMap<number, Answered> | null;
+  /** Whether the grasps are for the gripper that is configured now. Null: not known. */
+  sameGripper: boolean | null;
   failure: Failure | null;
-  /** Whether a person asked for it. */
-  requested: boolean;
   /** Asks for the reach by the configured cell, also for a recording. Nothing moves. */
   check: () => Promise<void>;
   checking: Action;
 }
 
+type Known = Pick<Reach, "grasps" | "sameGripper">;
+const NOTHING: Known = { grasps: null, sameGripper: null };
+
 /** Ask whether the arm reaches the grasps of a scan; nothing waits for the answer. */
 export function useReach(id: string, model: Model | null): Reach {
-  const [grasps, setGrasps] = useState<Reach["grasps"]>(null);
-  const [requested, setRequested] = useState(false);
+  const [answer, setAnswer] = useState(NOTHING);
   const checking = useAction();
   const known = model === null ? null : model.grasps.some(({ T_base_flange }) => T_base_flange !== null);
 
-  async function ask(query: { reach?: boolean }): Promise<Reach["grasps"]> {
+  async function ask(query: { reach?: boolean }): Promise<Known> {
     const call = api.GET("/api/scans/{id}/grasps", { params: { path: { id }, query }, ...longCall });
-    return new Map((await resultOf(call)).grasps.map((grasp) => [grasp.id, grasp as Answered & { id: number }]));
+    const { grasps, same_gripper: sameGripper } = await resultOf(call);
+    return { grasps: new Map(grasps.map((grasp) => [grasp.id, grasp as Answered & { id: number }])), sameGripper };
   }
 
   const failure = useQuery(
     async () => {
-      if (known === null) return null;
-      return known ? ask({}) : new Map();
+      if (known === null) return NOTHING;
+      return known ? ask({}) : { ...NOTHING, grasps: new Map() };
     },
-    setGrasps,
+    setAnswer,
     [id, known],
   );
   async function check(): Promise<void> {
-    setGrasps(await ask({ reach: true }));
-    setRequested(true);
+    setAnswer(await ask({ reach: true }));
   }
-  return { grasps, failure, requested, check, checking };
+  return { ...answer, failure, check, checking };
 }

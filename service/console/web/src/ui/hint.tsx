@@ -78,7 +78,7 @@ interface HintedEntryProps {
   children: ComponentChildren;
 }
 
-/** An entry of a list of labels and values. The explanation of its label has the whole width of the list, below both. */
+/** An entry of a list of labels and values. The explanation of its label, below both, has the width of the list. */
 export function HintedEntry({ term, name, tone = "", children }: HintedEntryProps) {
   const shown = useHint();
   return (

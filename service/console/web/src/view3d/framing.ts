@@ -42,8 +42,8 @@ export function framing(points: readonly Vector3[], towards: Vector3, fov_rad: n
 }
 
 /**
- * Return the points of the overview: strings, cloud or workspace, the selected grasp, and the shown layers around them. The
- * arm is not included beside a selected grasp, which would be small.
+ * Return the points of the overview: strings, cloud or workspace, the selected grasp, and the shown layers around them.
+ * The arm is not included while a grasp is selected, because the grasp would be small.
  */
 export function pointsToFrame(
   content: Content,

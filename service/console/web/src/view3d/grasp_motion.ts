@@ -16,7 +16,7 @@ const [FLANGE_RADIUS_M, FLANGE_M] = [0.0315, 0.006];
 const [STEM_M, ARROW_M] = [0.0025, 0.0009];
 /** Distance of the arrows from the gripper. */
 const BESIDE_M = 0.008;
-/** Opacity of the fingers at the grasp and elsewhere. The other parts are clearer: from above, they cover the string. */
+/** Opacity of the fingers at the grasp and elsewhere. The other parts are clearer: they cover the string from above. */
 const [SOLID, FAINT] = [0.75, 0.2];
 const [OF_PALM, OF_BODY, OF_FLANGE] = [0.35, 0.15, 0.2];
 /** Pre-grasp and retreat that are nearer to one another are drawn as one pose. */
@@ -30,7 +30,7 @@ interface Box {
   opacity: number;
 }
 
-/** Poses of the gripper's frame during a motion, base frame. Its origin is the flange's, and x is the closing direction. */
+/** Poses of the gripper's frame, base frame. Its origin is that of the flange, and x is the closing direction. */
 interface Motion {
   grasp: Matrix4;
   pregrasp: Matrix4;
@@ -38,8 +38,9 @@ interface Motion {
 }
 
 /**
- * Draw the gripper up to the flange: at the grasp in full, and faint at the pre-grasp (open) and at the retreat (closed),
- * or once (open) where both are the same pose. Arrows show the motions between them. Return null if the motion is not known.
+ * Draw the gripper up to the flange: at the grasp in full, and faint at the pre-grasp (open) and at the retreat
+ * (closed), or once (open) where both are the same pose. Arrows show the motions between them. Return null if it
+ * is not known.
  */
 export function drawMotion(grasp: Grasp, radius_m: number, gripper: Gripper | null, palette: Palette): Group | null {
   const motion = motionOf(grasp, gripper);
@@ -58,16 +59,17 @@ export function drawMotion(grasp: Grasp, radius_m: number, gripper: Gripper | nu
     arrow(palm(motion.grasp, -beside), palm(motion.retreat, -beside), ARROW_M, palette.muted),
   );
   // The flange is the part of a faint gripper that the one at the grasp never covers.
-  const atFlange = (pose: Matrix4, x: number) => new Vector3(x, 0, 0).applyMatrix4(pose);
+  const flangeEdge = (pose: Matrix4, side: number) => new Vector3(side * FLANGE_RADIUS_M, 0, 0).applyMatrix4(pose);
   if (isOnePose(motion)) {
-    const text = { brief: t("viewer.label.pregrasp_and_retreat"), kind: "motion", rank: 0, around_m: FLANGE_RADIUS_M / 2 };
-    return group.add(label(text, atFlange(motion.pregrasp, 0)));
+    const brief = t("viewer.label.pregrasp_and_retreat");
+    const text = { brief, kind: "motion", rank: 0, around_m: FLANGE_RADIUS_M / 2 };
+    return group.add(label(text, positionOf(motion.pregrasp)));
   }
   const closed = boxesOf(gripper, Math.min(2 * radius_m, opening_m));
   return group.add(
     drawGripper(closed, motion.retreat, palette.muted, FAINT),
-    label({ brief: t("viewer.label.pregrasp"), kind: "motion", rank: 0 }, atFlange(motion.pregrasp, FLANGE_RADIUS_M)),
-    label({ brief: t("viewer.label.retreat"), kind: "motion back", rank: 0 }, atFlange(motion.retreat, -FLANGE_RADIUS_M)),
+    label({ brief: t("viewer.label.pregrasp"), kind: "motion", rank: 0 }, flangeEdge(motion.pregrasp, 1)),
+    label({ brief: t("viewer.label.retreat"), kind: "motion back", rank: 0 }, flangeEdge(motion.retreat, -1)),
   );
 }
 
@@ -77,12 +79,14 @@ export function palmOf(grasp: Grasp, gripper: Gripper | null): Vector3 | null {
   return gripper && motion && new Vector3(0, 0, palmZ(gripper)).applyMatrix4(motion.grasp);
 }
 
-/** Return the corners of the gripper, and points of the flange's edge, at all poses of the motion; empty if it is not known. */
+/** Return corners of the gripper and of its flange at all poses of the motion; none if it is not known. */
 export function pointsOfMotion(grasp: Grasp, gripper: Gripper | null): Vector3[] {
   const motion = motionOf(grasp, gripper);
   if (gripper === null || motion === null) return [];
   const signs = [-1, 1];
-  const flange = signs.flatMap((x) => signs.map((y) => new Vector3(x * FLANGE_RADIUS_M, y * FLANGE_RADIUS_M, -FLANGE_M)));
+  const flange = signs.flatMap((x) =>
+    signs.map((y) => new Vector3(x * FLANGE_RADIUS_M, y * FLANGE_RADIUS_M, -FLANGE_M)),
+  );
   const corners = boxesOf(gripper, grasp.opening_m).flatMap(({ centre, size: [x, y, z] }) =>
     signs.flatMap((i) => signs.flatMap((j) => signs.map((k) =>
       new Vector3((i * x) / 2, (j * y) / 2, (k * z) / 2).add(new Vector3(...centre)),
@@ -93,7 +97,7 @@ export function pointsOfMotion(grasp: Grasp, gripper: Gripper | null): Vector3[]
   );
 }
 
-/** Return the poses of the gripper; null if they are not known, or are those of a gripper of another length or mounting. */
+/** Return the poses of the gripper; null if they are not known, or are for another length or rotation on the flange. */
 function motionOf(grasp: Grasp, gripper: Gripper | null): Motion | null {
   const { T_base_flange } = grasp;
   if (T_base_flange === null || gripper === null || !isPlannedFor(grasp, gripper)) return null;
@@ -119,8 +123,9 @@ function palmZ(gripper: Gripper): number {
 function boxesOf(gripper: Gripper, apart_m: number): Box[] {
   const { finger_thickness_m: thick, finger_width_m: wide, finger_depth_m: long, stroke_m, palm_width_m } = gripper;
   const beside = (apart_m + thick) / 2;
-  const finger = (x: number): Box => ({ centre: [x, 0, lengthOf(gripper) - long / 2], size: [thick, wide, long], opacity: 1 });
-  // The palm as the planner of the grasps checks it: its width across the string is that of the fingers at the largest opening.
+  const middle = lengthOf(gripper) - long / 2;
+  const finger = (x: number): Box => ({ centre: [x, 0, middle], size: [thick, wide, long], opacity: 1 });
+  // The planner of the grasps checks a palm that is, across the string, as wide as the fingers at the largest opening.
   const palm: Box = {
     centre: [0, 0, palmZ(gripper)],
     size: [stroke_m + 2 * thick, palm_width_m, PALM_M],
@@ -156,7 +161,8 @@ function drawGripper(parts: readonly Box[], pose: Matrix4, colour: Color, opacit
 /** Return a translucent body with its edges. */
 function translucent(shape: BoxGeometry | CylinderGeometry, colour: Color, opacity: number, hides: boolean): Mesh {
   const body = new MeshLambertMaterial({ color: colour, transparent: true, opacity, depthWrite: hides });
-  const edges = new LineBasicMaterial({ color: colour, transparent: true, opacity: Math.min(1, Math.max(0.25, 4 * opacity)) });
+  const ofEdges = Math.min(1, Math.max(0.25, 4 * opacity));
+  const edges = new LineBasicMaterial({ color: colour, transparent: true, opacity: ofEdges });
   const mesh = new Mesh(shape, body);
   return mesh.add(new LineSegments(new EdgesGeometry(shape, 30), edges));
 }

@@ -42,7 +42,7 @@ export interface Content {
   cloud: ArrayBuffer | null;
   views: readonly ViewPose[];
   geometry: CellGeometry | null;
-  /** The configured gripper, which the picture of a selected grasp shows. */
+  /** The gripper of the grasps, if it is the configured one. */
   gripper: Gripper | null;
   /** Current joint angles; null: the arm is not drawn. */
   q_rad: readonly number[] | null;

@@ -25,7 +25,8 @@ import { onTap } from "./tap";
 import type { View3D } from "./view3d";
 
 const NOTHING: Content = {
-  model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [], heights: null,
+  model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
+  heights: null,
 };
 
 /** Holds the content and draws it only when something has changed. */

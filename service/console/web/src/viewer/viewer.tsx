@@ -18,6 +18,8 @@ interface ViewerProps {
   content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps">>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
+  /** Its grasps are for another gripper than the configured one. */
+  otherGripper?: boolean;
   /** Layers that are shown at first. */
   layers: readonly Layer[];
   /** A layer whose content is loaded when it is shown, and what to call then and when it is hidden. */
@@ -34,7 +36,8 @@ const TURN = Math.PI / 18;
 
 /** The 3D view. Its code is loaded after the rest of the page. Nothing in it can move the robot. */
 export function Viewer(props: ViewerProps) {
-  const { content, elsewhere = false, layers, onDemand = null, selection = null, picked, fallback = null } = props;
+  const { content, elsewhere = false, otherGripper = false, layers, onDemand = null } = props;
+  const { selection = null, picked, fallback = null } = props;
   const canvas = useRef<HTMLCanvasElement>(null);
   const labels = useRef<HTMLDivElement>(null);
   const [view, setView] = useState<View3D | null>(null);
@@ -44,7 +47,7 @@ export function Viewer(props: ViewerProps) {
   const onPick = useRef(picked);
   onPick.current = picked;
   const around = elsewhere ? null : geometry.value;
-  const gripper = geometry.value?.gripper ?? null;
+  const gripper = otherGripper ? null : (geometry.value?.gripper ?? null);
   const q_rad = elsewhere || lost.value ? null : (cell.value?.robot.q_rad ?? null);
 
   useEffect(() => {
@@ -74,7 +77,10 @@ export function Viewer(props: ViewerProps) {
     };
   }, []);
 
-  useEffect(() => view?.show({ heights: null, grasps: [], ...content, geometry: around, gripper, q_rad }), [view, content, around, gripper]);
+  useEffect(
+    () => view?.show({ heights: null, grasps: [], ...content, geometry: around, gripper, q_rad }),
+    [view, content, around, gripper],
+  );
   useEffect(() => view?.layers(shown), [view, shown]);
   useEffect(() => {
     if (fit > 0) view?.viewFrom("fit");
