@@ -308,8 +308,8 @@ class GraspDocument(_Document):
     table_clearance_m: Rounded
     """Smallest distance of the fingertips from the table, or from an object under them, metres."""
     score: Share
-    """Quality of the grasp, 1 is best. It considers clearance, views, sigma, bend and slope of the string, distances from
-    ends and crossings, and tilt, depth, opening and distance from the floor of the fingers."""
+    """Quality of the grasp, 1 is best. It considers clearance, views, sigma, bend and slope of the string, distances
+    from ends and crossings, and tilt, depth, opening and distance from the floor of the fingers."""
     trusted: bool
     """False if a doubt concerns the string between the fingers. Such grasps are only listed on request."""
     sigma_m: Rounded | None
