@@ -38,8 +38,12 @@ ARGUMENTS = (
 
 
 def chromium_path() -> str | None:
-    """Return the path of the browser; None if none is installed."""
-    return os.environ.get("POINTCHAIN_CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+    """Return the path of the browser; None if none is installed.
+
+    The headless shell is the same engine without a browser's own windows, and takes a third less computing time.
+    """
+    installed = (shutil.which(name) for name in ("chromium-headless-shell", "chromium", "google-chrome"))
+    return os.environ.get("CHROMIUM_PATH") or next(filter(None, installed), None)
 
 
 # The scope is a module: while Playwright is open, nothing else in this thread can run an event loop.
@@ -49,7 +53,8 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     path = chromium_path()
     if path is None:
         message = (
-            "there is no Chromium: install it (Debian: apt-get install chromium), or name it in POINTCHAIN_CHROMIUM"
+            "there is no Chromium: install it (Debian: apt-get install chromium-headless-shell), or give its path in "
+            "CHROMIUM_PATH"
         )
         if os.environ.get("CI"):
             pytest.fail(message)

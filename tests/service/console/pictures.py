@@ -66,7 +66,7 @@ def main() -> int:
     """Take the pictures; return the exit status."""
     path = chromium_path()
     if path is None:
-        print("there is no Chromium: install it, or name it in POINTCHAIN_CHROMIUM", file=sys.stderr)
+        print("there is no Chromium: install it, or name it in CHROMIUM_PATH", file=sys.stderr)
         return 1
     expect.set_options(timeout=PATIENCE_MS)
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
