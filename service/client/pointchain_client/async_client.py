@@ -34,15 +34,17 @@ class AsyncClient:
     that waits for a scan. Cancelling a task ends its waiting, not the scan.
 
     Example:
-        A scan, its model, and a grasp. `scan` moves the arm.
+        A scan, its model, and a grasp that the arm can carry out. `scan` moves the arm.
 
         >>> import asyncio
         >>> from pointchain_client import AsyncClient
         >>> async def plan(cell: AsyncClient) -> None:
         ...     model = await cell.model(await cell.scan(string_radius_m=0.0042, on_progress=print))
-        ...     if model.grasps and model.trusted(model.grasps[0].chain):
-        ...         await cell.release()  # the arm is home, and your program may move it
-        ...         print(model.grasps[0].T_base_grasp)  # (4, 4), base frame
+        ...     for grasp in (await cell.grasps(model)).reachable:
+        ...         if model.trusted(grasp.chain) and grasp.reach.path_free:
+        ...             await cell.release()  # the arm is home, and your program may move it
+        ...             print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
+        ...             break
         >>> async def main() -> None:
         ...     async with AsyncClient("http://127.0.0.1:8000", token=None) as cell:
         ...         pass  # await plan(cell) with a service at this address
@@ -161,7 +163,7 @@ class AsyncClient:
         self,
         scan: ScanRef,
         chain: int | None = None,
-        s_range_m: tuple[float, float] | None = None,
+        s_range_m: tuple[float | None, float | None] | None = None,
         min_clearance_m: float | None = None,
         reachable: bool | None = None,
         reach: bool | None = None,

@@ -33,15 +33,17 @@ class Client:
     All methods may be called from several threads. Call `stop` from another thread than the one that waits for a scan.
 
     Example:
-        A scan, its model, and a grasp. `scan` moves the arm.
+        A scan, its model, and a grasp that the arm can carry out. `scan` moves the arm.
 
         >>> from pointchain_client import Client
         >>> def plan(cell: Client) -> None:
         ...     scan = cell.scan(string_radius_m=0.0042, on_progress=print)
         ...     model = cell.model(scan)
-        ...     if model.grasps and model.trusted(model.grasps[0].chain):
-        ...         cell.release()  # the arm is home, and your program may move it
-        ...         print(model.grasps[0].T_base_grasp)  # (4, 4), base frame
+        ...     for grasp in cell.grasps(scan).reachable:
+        ...         if model.trusted(grasp.chain) and grasp.reach.path_free:
+        ...             cell.release()  # the arm is home, and your program may move it
+        ...             print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
+        ...             break
         >>> with Client("http://127.0.0.1:8000", token=None) as cell:
         ...     pass  # plan(cell) with a service at this address
     """
@@ -274,7 +276,7 @@ class Client:
         self,
         scan: ScanRef,
         chain: int | None = None,
-        s_range_m: tuple[float, float] | None = None,
+        s_range_m: tuple[float | None, float | None] | None = None,
         min_clearance_m: float | None = None,
         reachable: bool | None = None,
         reach: bool | None = None,
@@ -287,7 +289,8 @@ class Client:
         Args:
             scan: The scan, its model, or its id.
             chain: Only grasps on the chain with this id. None: on all chains.
-            s_range_m: Only grasps between these two arc lengths of the chain, metres. It needs `chain`. None: anywhere.
+            s_range_m: Only grasps between these two arc lengths of the chain, metres. It needs `chain`. Each of the two
+                may be None for no limit: `(0.1, None)` selects all grasps from 0.1 m on. None: anywhere.
             min_clearance_m: Only grasps with at least this clearance, metres. None: all.
             reachable: True: only grasps that the arm can carry out. False: only the others. None: both.
             reach: Whether the service determines the reach. True: also for a recording, for the configured cell. None:
@@ -295,7 +298,7 @@ class Client:
             count: Largest number of grasps. None: all.
 
         Raises:
-            ValueError: A model does not say from which scan it is.
+            ValueError: `s_range_m` is not two arc lengths, or a model does not say from which scan it is.
             ScanFailedError: The scan has no model.
             ProblemError: A filter is not valid (`invalid-request`), for example because the model has no such chain; or
                 the reach needs a calibration (`calibration`).

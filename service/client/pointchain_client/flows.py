@@ -264,14 +264,14 @@ def changes(service: str, scan: ScanRef, since: ScanRef) -> Flow[Changes]:
 
 def grasp_filters(
     chain: int | None,
-    s_range_m: tuple[float, float] | None,
+    s_range_m: tuple[float | None, float | None] | None,
     min_clearance_m: float | None,
     reachable: bool | None,
     reach: bool | None,
     count: int | None,
 ) -> Mapping[str, Any]:
     """Return the query of a request for grasps."""
-    min_s_m, max_s_m = s_range_m or (None, None)
+    min_s_m, max_s_m = (None, None) if s_range_m is None else _arc_length_range(s_range_m)
     values = {
         "chain": chain,
         "min_s_m": min_s_m,
@@ -282,6 +282,18 @@ def grasp_filters(
         "count": count,
     }
     return {name: value for name, value in values.items() if value is not None}
+
+
+def _arc_length_range(s_range_m: Any) -> tuple[float | None, float | None]:
+    """Return the two arc lengths, or raise ValueError."""
+    try:
+        min_s_m, max_s_m = (None if limit is None else float(limit) for limit in s_range_m)
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"s_range_m is {s_range_m!r}; it must be two arc lengths in metres, for example (0.1, 0.3), "
+            "or (0.1, None) for no upper limit"
+        ) from None
+    return min_s_m, max_s_m
 
 
 def grasps(service: str, scan: ScanRef, filters: Mapping[str, Any]) -> Flow[GraspList]:

@@ -149,11 +149,23 @@ def test_grasps_are_listed_filtered_and_checked_for_reach(planner: Client, recor
         assert grasp.reach.message
     assert planner.grasps(scan, reachable=True).grasps == ()
     assert len(planner.grasps(scan, reachable=False, count=2).grasps) == 2
+    after = planner.grasps(scan, chain=0, s_range_m=(middle, None))
+    assert [grasp.id for grasp in after.grasps] == [grasp.id for grasp in model.grasps if grasp.s_m >= middle]
+    before = planner.grasps(scan, chain=0, s_range_m=(None, middle))
+    assert [grasp.id for grasp in before.grasps] == [grasp.id for grasp in model.grasps if grasp.s_m <= middle]
+    assert after.grasps
+    assert before.grasps
     refused: list[dict[str, Any]] = [{"chain": 7}, {"s_range_m": (0.1, 0.2)}, {"reachable": True, "reach": False}]
     for filters in refused:
         with pytest.raises(ProblemError) as error:
             planner.grasps(scan, **filters)
         assert error.value.slug == "invalid-parameters"
+
+
+@pytest.mark.parametrize("given", [0.1, (0.1,), (0.1, 0.2, 0.3), (), ("far", None)])
+def test_a_range_that_is_no_pair_is_refused(planner: Client, given: Any) -> None:
+    with pytest.raises(ValueError, match=r"s_range_m is .*; it must be two arc lengths in metres, for example"):
+        planner.grasps("20260101t000000-000000-00000000", chain=0, s_range_m=given)
 
 
 def test_the_height_map_shows_the_string_on_the_table(planner: Client, recording: str) -> None:
