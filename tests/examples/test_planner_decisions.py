@@ -4,16 +4,18 @@ import importlib.util
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from cell.simulation.evaluation.metrics import Score, score
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from pointchain_client import Grasp, Model
+from pointchain_client import Grasp, GraspReach, Model
 from recognition.model.finding_types import FINDING_TYPES
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
@@ -63,15 +65,28 @@ def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tu
 def test_it_grasps_a_string_of_a_right_model(planner: ModuleType, name: str, clutter: int) -> None:
     model, result = scanned(name, 3, clutter)
     assert result.topology
-    grasp = planner.decide(model, may_rescan=True)
+    grasp = planner.decide(model, model.grasps, may_rescan=True)
     assert isinstance(grasp, Grasp)
     assert grasp == model.grasps[0]
+    assert planner.decide(model, model.grasps[1:], may_rescan=True) == model.grasps[1]
+    assert planner.decide(model, (), may_rescan=True) == "ask", "the arm reaches none"
+
+
+def test_it_takes_only_grasps_that_the_arm_reaches_from_home(planner: ModuleType) -> None:
+    model, _ = scanned("figure-eight", 3, 0)
+    reach = GraspReach(True, np.zeros(6), np.zeros(6), False, True, None, None)
+    beyond = GraspReach(False, None, None, False, None, "collision-camera", "the camera comes too near the table")
+    grasp = model.grasps[0]
+    assert planner.obstacle(replace(grasp, reach=reach)) == ""
+    assert planner.obstacle(replace(grasp, reach=replace(reach, path_free=False))).endswith("is not free")
+    assert planner.obstacle(replace(grasp, reach=beyond)) == "the camera comes too near the table"
+    assert planner.obstacle(grasp) == "the reach was not determined"
 
 
 @pytest.mark.parametrize("clutter", [0, 4])
 def test_it_does_nothing_where_no_string_is(planner: ModuleType, clutter: int) -> None:
     model, _ = scanned("empty", 3, clutter)
-    assert planner.decide(model, may_rescan=True) == "done"
+    assert planner.decide(model, model.grasps, may_rescan=True) == "done"
 
 
 # In these scenes without a string, the edge or a fold of an object is recognised as a chain.
@@ -81,14 +96,14 @@ def test_it_asks_a_person_about_an_object_that_looks_like_a_string(
 ) -> None:
     model, _ = scanned("empty", seed, clutter)
     assert model.chains
-    assert planner.decide(model, may_rescan=True) == "ask"
+    assert planner.decide(model, model.grasps, may_rescan=True) == "ask"
 
 
 def test_it_does_not_act_on_a_wrong_model_for_a_wrong_radius(planner: ModuleType) -> None:
     model, result = scanned("several", 1, 0, 1.5)
     assert not result.topology
-    assert not isinstance(planner.decide(model, may_rescan=True), Grasp)
-    assert planner.decide(model, may_rescan=False) == "ask"
+    assert not isinstance(planner.decide(model, model.grasps, may_rescan=True), Grasp)
+    assert planner.decide(model, model.grasps, may_rescan=False) == "ask"
 
 
 @pytest.mark.parametrize("name", ["planner.py", "planner.ts"])

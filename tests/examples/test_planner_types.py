@@ -19,6 +19,7 @@ MISTAKES = {
     "problem": ("problem.detail", "problem.message"),
     "chain": ("chain.trust", "chain.trusted"),
     "grasp": ("decision.opening_m", "decision.width_m"),
+    "reach": ("reach.path_free", "reach.free_path"),
     "verdict": ('verdict === "accept"', 'verdict === "accepted"'),
     "severity": ("finding.severity", "finding.level"),
     "code": ('"sharp-bend"', '"sharp-bent"'),

