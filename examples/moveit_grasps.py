@@ -6,8 +6,8 @@ Nothing moves. SCAN is the id of a scan; the default is the newest scan with a m
 POINTCHAIN_TOKEN, if set.
 
 Only grasps on chains with the verdict `accept` that the arm reaches are printed, the best first. The service determines
-the reach for a live scan, with the calibration and the gripper in use. For other scans, `--without-reach` prints all
-grasps unchecked: use it only if your planner checks joint limits and collisions itself.
+the reach for scans with the calibration that is active and the gripper that is configured. For other scans,
+`--without-reach` prints all grasps unchecked: use it only if your planner checks joint limits and collisions itself.
 
 MoveIt expects `grasp_pose` as the pose of the end effector's parent link, which is the flange and not the gripper. In
 the description of UR arms, this link is `tool0`, and the base frame of Pointchain is `base`. (`base_link` is turned by
@@ -100,6 +100,15 @@ def message(grasp: Grasp, name: str, options: argparse.Namespace) -> dict[str, A
     }
 
 
+def no_reach(found: GraspList) -> str:
+    """Return why the service has not determined the reach of the grasps, and what to do."""
+    if found.same_gripper is False:
+        return "the gripper in the configuration has changed since; recognise the scan again"
+    if found.same_calibration is False:
+        return "the calibration has changed since; scan again"
+    return "the scan is a recording that names no calibration, or no calibration can be used; scan again"
+
+
 def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Grasp], str]:
     """Return the grasps that a planner may use, the best first, and a message about the others.
 
@@ -122,8 +131,8 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
         return [], f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
     if found.q_home_rad is None and not without_reach:
         return [], (
-            "the reach was not determined: the scan is a recording, or the calibration or the gripper has changed "
-            "since; scan again, or give --without-reach if your planner checks joint limits and collisions"
+            f"the reach was not determined: {no_reach(found)}, or give --without-reach if your planner checks joint "
+            "limits and collisions"
         )
     chosen = [grasp for grasp in trusted if (without_reach if grasp.reach is None else grasp.reach.reachable)]
     if not chosen:

@@ -1,5 +1,5 @@
 """Fixtures for the tests of the examples, shared with the tests of the service."""
 
-from tests.service.conftest import serve
+from tests.service.conftest import recording_file, serve
 
-__all__ = ["serve"]
+__all__ = ["recording_file", "serve"]

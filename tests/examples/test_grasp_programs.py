@@ -147,17 +147,17 @@ def test_the_ur_program_carries_out_the_best_reachable_grasp(planner: Client, sc
     assert newest.stdout == done.stdout, "the default is the newest scan"
 
 
-def test_no_program_is_printed_without_reach_or_without_a_trusted_grasp(planner: Client, scan: str) -> None:
+def test_no_program_is_printed_without_reach_or_without_a_trusted_grasp(
+    planner: Client, scan: str, recording_file: Path
+) -> None:
     recording = planner.get(scan).recording
     assert recording is not None
     url = str(planner._http.base_url)
-    replay = planner.replay(recording, timeout_s=PATIENCE_S)
+    replay = planner.replay(recording_file, timeout_s=PATIENCE_S)
     for example in ("ur_script", "moveit_grasps"):
         done = run(example, url, replay.id)
         assert (done.returncode, done.stdout) == (1, "")
-        assert (
-            "the reach was not determined: the scan is a recording, or the calibration or the gripper has changed since"
-        ) in done.stderr
+        assert "the reach was not determined: the scan is a recording that names no calibration" in done.stderr
     assert "--without-reach" in done.stderr
     done = run("moveit_grasps", url, replay.id, "--without-reach", "--count", "1000")
     assert (done.returncode, done.stderr) == (0, "")
@@ -244,9 +244,14 @@ def test_moveit_gets_no_unreachable_grasp(model: Model, found: GraspList) -> Non
         none, reason = choose(model, replace(found, grasps=(beyond,)), without_reach)
         assert (none, reason) == ([], "the arm reaches none of 1 grasps: too far")
     unknown = replace(found, q_home_rad=None, grasps=tuple(replace(grasp, reach=None) for grasp in found.grasps))
-    none, reason = choose(model, unknown, without_reach=False)
-    assert none == []
-    assert "the gripper has changed" in reason
+    for changed, message in (
+        ({"same_gripper": False}, "the gripper in the configuration has changed since; recognise the scan again"),
+        ({"same_calibration": False}, "the calibration has changed since; scan again"),
+    ):
+        none, reason = choose(model, replace(unknown, **changed), without_reach=False)
+        assert none == []
+        assert reason.startswith(f"the reach was not determined: {message}, or give --without-reach")
+        assert load("ur_script").choose(model, replace(unknown, **changed)).endswith(message)
     assert choose(model, unknown, without_reach=True) == (list(unknown.grasps), "")
 
 

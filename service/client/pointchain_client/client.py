@@ -293,8 +293,9 @@ class Client:
                 may be None for no limit: `(0.1, None)` selects all grasps from 0.1 m on. None: anywhere.
             min_clearance_m: Only grasps with at least this clearance, metres. None: all.
             reachable: True: only grasps that the arm can carry out. False: only the others. None: both.
-            reach: Whether the service determines the reach. True: also for a recording, for the configured cell. None:
-                if the scan is live and its calibration is in use, or if `reachable` is given.
+            reach: Whether the service determines the reach. True: also for a scan with another calibration, for the
+                configured cell. None: if the scan has the calibration that is active and the gripper that is
+                configured, or if `reachable` is given.
             count: Largest number of grasps. None: all.
 
         Raises:
