@@ -301,8 +301,8 @@ class Client:
         Raises:
             ValueError: `s_range_m` is not two arc lengths, or a model does not say from which scan it is.
             ScanFailedError: The scan has no model.
-            ProblemError: A filter is not valid (`invalid-request`), for example because the model has no such chain; or
-                the reach needs a calibration (`calibration`).
+            ProblemError: A filter does not fit, for example because the model has no such chain
+                (`invalid-parameters`), or the reach needs a calibration (`calibration`).
             UnreachableError: The service cannot be reached.
         """
         filters = flows.grasp_filters(chain, s_range_m, min_clearance_m, reachable, reach, count)
