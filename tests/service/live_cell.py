@@ -57,7 +57,8 @@ class LiveCell:
 
         def under_way() -> bool:
             states = list(self.views(location).values())
-            assert self.client.get(location).json()["state"] in ("connecting", "preflight", "scanning")
+            state = self.client.get(location).json()["state"]
+            assert state in ("queued", "connecting", "preflight", "scanning"), state
             return states.count("recorded") >= views and "moving" in states and self.moving()
 
         wait_until(under_way)
