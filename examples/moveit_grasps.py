@@ -119,7 +119,7 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
 
     Returns:
         Grasps on chains with the verdict `accept`, none of them unreachable. If there is none, the message has the
-        reason. The message is empty if no grasp is left out as unreachable.
+        reason. The message is empty if no grasp is left out as unreachable, and the calibration is the same.
     """
     trusted = [
         grasp
@@ -129,6 +129,8 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
     if not trusted:
         verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
         return [], f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
+    if found.same_gripper is False:  # the flange poses are for the other gripper
+        return [], f"the reach was not determined: {no_reach(found)}"
     if found.q_home_rad is None and not without_reach:
         return [], (
             f"the reach was not determined: {no_reach(found)}, or give --without-reach if your planner checks joint "
@@ -138,6 +140,8 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
     if not chosen:
         reasons = {grasp.reach.message for grasp in trusted if grasp.reach is not None}
         return [], f"the arm reaches none of {len(trusted)} grasps: {'; '.join(sorted(map(str, reasons)))}"
+    if found.same_calibration is False:
+        return chosen, "warning: the calibration has changed since, so the grasps may be beside the strings; scan again"
     unreachable = len(trusted) - len(chosen)
     return chosen, f"{unreachable} of {len(trusted)} grasps are left out as unreachable" if unreachable else ""
 

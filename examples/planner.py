@@ -47,7 +47,9 @@ def main(url: str) -> int:
         if isinstance(decision, Grasp):
             assert decision.reach is not None  # by `obstacle`
             assert decision.T_base_flange is not None  # because the scan is new
-            cell.release()  # returns when the arm is home: from here on this program may move it
+            if not cell.release().robot.at_home:  # from here on this program may move the arm
+                print("ask:", "the arm was stopped and is not home", sep="\n  ", file=sys.stderr)
+                return 1
             print(f"chain {decision.chain} at {decision.s_m:.3f} m")
             print("moveJ to", decision.reach.q_pregrasp_rad)
             print(f"open to {decision.opening_m:.4f} m, moveL until the flange is at")

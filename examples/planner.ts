@@ -111,7 +111,11 @@ async function main(): Promise<number> {
     console.error([`${decision}:`, ...messages, ...[...obstacles].sort()].join("\n  "));
     return decision === "done" ? 0 : 1;
   }
-  await call("POST", RELEASE); // returns when the arm is home: from here on this program may move it
+  const { robot } = await call<Schemas["CellResource"]>("POST", RELEASE); // this program may now move the arm
+  if (!robot.at_home) {
+    console.error("ask:\n  the arm was stopped and is not home");
+    return 1;
+  }
   console.log(`chain ${decision.chain} at ${decision.s_m} m`);
   console.log("moveJ to", JSON.stringify(decision.reach?.q_pregrasp_rad));
   console.log(`open to ${decision.opening_m} m, moveL until the flange is at`);

@@ -250,9 +250,15 @@ def test_moveit_gets_no_unreachable_grasp(model: Model, found: GraspList) -> Non
     ):
         none, reason = choose(model, replace(unknown, **changed), without_reach=False)
         assert none == []
-        assert reason.startswith(f"the reach was not determined: {message}, or give --without-reach")
+        assert reason.startswith(f"the reach was not determined: {message}")
+        assert ("or give --without-reach" in reason) == ("calibration" in message)
         assert load("ur_script").choose(model, replace(unknown, **changed)).endswith(message)
     assert choose(model, unknown, without_reach=True) == (list(unknown.grasps), "")
+    chosen, warning = choose(model, replace(unknown, same_calibration=False), without_reach=True)
+    assert chosen == list(unknown.grasps)
+    assert warning.startswith("warning: the calibration has changed since")
+    # the flange poses are those of the other gripper
+    assert choose(model, replace(unknown, same_gripper=False), without_reach=True)[0] == []
 
 
 def test_moveit_gets_at_least_one_grasp() -> None:

@@ -42,8 +42,8 @@ class AsyncClient:
         ...     model = await cell.model(await cell.scan(string_radius_m=0.0042, on_progress=print))
         ...     for grasp in (await cell.grasps(model)).reachable:
         ...         if model.trusted(grasp.chain) and grasp.reach.path_free:
-        ...             await cell.release()  # the arm is home, and your program may move it
-        ...             print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
+        ...             if (await cell.release()).robot.at_home:  # your program may move the arm
+        ...                 print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
         ...             break
         >>> async def main() -> None:
         ...     async with AsyncClient("http://127.0.0.1:8000", token=None) as cell:

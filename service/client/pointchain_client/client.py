@@ -41,8 +41,8 @@ class Client:
         ...     model = cell.model(scan)
         ...     for grasp in cell.grasps(scan).reachable:
         ...         if model.trusted(grasp.chain) and grasp.reach.path_free:
-        ...             cell.release()  # the arm is home, and your program may move it
-        ...             print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
+        ...             if cell.release().robot.at_home:  # your program may move the arm
+        ...                 print(grasp.reach.q_pregrasp_rad, grasp.T_base_flange.grasp)  # (6,) and (4, 4), base frame
         ...             break
         >>> with Client("http://127.0.0.1:8000", token=None) as cell:
         ...     pass  # plan(cell) with a service at this address
