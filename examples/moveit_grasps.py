@@ -100,15 +100,6 @@ def message(grasp: Grasp, name: str, options: argparse.Namespace) -> dict[str, A
     }
 
 
-def no_reach(found: GraspList) -> str:
-    """Return why the service has not determined the reach of the grasps, and what to do."""
-    if found.same_gripper is False:
-        return "the gripper in the configuration has changed since; recognise the scan again"
-    if found.same_calibration is False:
-        return "the calibration has changed since; scan again"
-    return "the scan is a recording that names no calibration, or no calibration can be used; scan again"
-
-
 def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Grasp], str]:
     """Return the grasps that a planner may use, the best first, and a message about the others.
 
@@ -129,13 +120,11 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
     if not trusted:
         verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
         return [], f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
+    unknown = f"the reach was not determined: {found.no_reach_reason}"
     if found.same_gripper is False:  # the flange poses are for the other gripper
-        return [], f"the reach was not determined: {no_reach(found)}"
+        return [], unknown
     if found.q_home_rad is None and not without_reach:
-        return [], (
-            f"the reach was not determined: {no_reach(found)}, or give --without-reach if your planner checks joint "
-            "limits and collisions"
-        )
+        return [], f"{unknown}, or give --without-reach if your planner checks joint limits and collisions"
     chosen = [grasp for grasp in trusted if (without_reach if grasp.reach is None else grasp.reach.reachable)]
     if not chosen:
         reasons = {grasp.reach.message for grasp in trusted if grasp.reach is not None}

@@ -75,7 +75,7 @@ def choose(model: Model, found: GraspList) -> Grasp | str:
         verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
         return f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"
     if found.q_home_rad is None:
-        return f"the reach was not determined: {no_reach(found)}"
+        return f"the reach was not determined: {found.no_reach_reason}"
     reached = [grasp for grasp in trusted if grasp.reach is not None and grasp.reach.reachable]
     if not reached:
         reasons = {grasp.reach.message for grasp in trusted if grasp.reach is not None}
@@ -84,15 +84,6 @@ def choose(model: Model, found: GraspList) -> Grasp | str:
         if grasp.reach is not None and grasp.reach.path_free and grasp.object_above_m is None:
             return grasp
     return f"none of {len(reached)} reachable grasps has a free path from the home posture and a free lift"
-
-
-def no_reach(found: GraspList) -> str:
-    """Return why the service has not determined the reach of the grasps, and what to do."""
-    if found.same_gripper is False:
-        return "the gripper in the configuration has changed since; recognise the scan again"
-    if found.same_calibration is False:
-        return "the calibration has changed since; scan again"
-    return "the scan is a recording that names no calibration, or no calibration can be used; scan again"
 
 
 def numbers(values: Iterable[float]) -> str:

@@ -210,7 +210,7 @@ def _hand_eye(
                 f"the grasps of scan {scan.id} are for another gripper than [gripper] of the configuration has now: "
                 "recognise the scan again, by its link `reprocess`"
             )
-        return service.cell.hand_eye()
+        return active or service.cell.hand_eye()
     if choice.reach is None and inputs.same_calibration and inputs.same_gripper:
         return active
     return None

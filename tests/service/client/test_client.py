@@ -148,6 +148,9 @@ def test_grasps_are_listed_filtered_and_checked_for_reach(planner: Client, recor
         assert grasp.reach.reason
         assert grasp.reach.message
     assert planner.grasps(scan, reachable=True).grasps == ()
+    reason = planner.grasps(scan, reach=False).no_reach_reason
+    assert reason is not None
+    assert reason.startswith("the scan is a recording that names no calibration")
     assert len(planner.grasps(scan, reachable=False, count=2).grasps) == 2
     after = planner.grasps(scan, chain=0, s_range_m=(middle, None))
     assert [grasp.id for grasp in after.grasps] == [grasp.id for grasp in model.grasps if grasp.s_m >= middle]

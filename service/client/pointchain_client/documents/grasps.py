@@ -29,6 +29,19 @@ class GraspList:
     """Whether the grasps are for the gripper that is configured now. None if that is not known."""
 
     @property
+    def no_reach_reason(self) -> str | None:
+        """Why no reach was determined, and what to do. None if it was determined."""
+        if self.q_home_rad is not None:
+            return None
+        if self.same_gripper is False:
+            return "the gripper in the configuration has changed since; recognise the scan again"
+        if self.same_calibration is False:
+            return "the calibration has changed since; scan again"
+        if self.same_calibration and self.same_gripper:
+            return "the request left the reach out"
+        return "the scan is a recording that names no calibration, or no calibration can be used; scan again"
+
+    @property
     def reachable(self) -> tuple[Grasp, ...]:
         """The grasps that the arm can carry out, in the same order."""
         return tuple(grasp for grasp in self.grasps if grasp.reach is not None and grasp.reach.reachable)
