@@ -59,7 +59,9 @@ def acknowledge_protective_stop(address: str, seen_s: float | None, program_ours
                 wait_s,
             )
         if "releasing" not in dashboard.ask("unlock protective stop").lower():
-            again_s = UNLOCK_S if seen_s is None else max(wait_s, SEEN_LATER_S)
+            # after the end of the wait, the robot was stopped a second time, which nobody noticed
+            unnoticed = seen_s is None or wait_s < -SEEN_LATER_S
+            again_s = UNLOCK_S if unnoticed else max(wait_s, SEEN_LATER_S)
             raise TooEarlyError(f"the robot cannot be unlocked yet: try again in {again_s:.1f} s", again_s)
     with Dashboard(address, time.monotonic() + RELEASE_S) as dashboard:
         dashboard.ask("close safety popup")

@@ -55,6 +55,8 @@ from cell.planning.viewpoints import ViewpointPlan, require_enough
 
 LOCK_TIMEOUT_S = 1.0
 """Timeout for acquiring the lock of the equipment. The idle monitor holds it only for a moment."""
+END_TIMEOUT_S = 10.0
+"""The same timeout after a fault, which the cell reports before its run has ended."""
 HOME_TIMEOUT_S = 20.0
 """The same timeout for a request that may wait until the arm of the last scan is home."""
 
@@ -317,12 +319,16 @@ class Cell:
     def acknowledge(self) -> None:
         """Unlock the robot and end its program, after a person has inspected the cell. The arm does not move.
 
+        The method waits until the run that the fault ended has given up the devices.
+
         Raises:
+            CellBusyError: It has not, or a scan runs.
             NothingToAcknowledgeError: There is no fault.
             TooEarlyError: The robot cannot be unlocked yet.
             CellError: The robot does not answer, or does not unlock.
         """
-        with self._exclusive():
+        ending = self._status.now.state == "fault"
+        with self._exclusive(END_TIMEOUT_S if ending else LOCK_TIMEOUT_S):
             if self._status.now.state != "fault":
                 raise NothingToAcknowledgeError("there is no fault to acknowledge")
             self._equipment.arm.acknowledge()

@@ -211,6 +211,21 @@ def test_a_new_service_cannot_unlock_a_protective_stop_too_early(controller: Run
     assert not kinds(controller.admin.log(begin), "motion_start", "script_upload", "command")
 
 
+def test_a_second_stop_that_nobody_noticed_is_waited_for_again(controller: RunningController, arm: UrArm):
+    """A countdown of the first stop would have ended long ago."""
+    move_with_fault(controller, arm, controller.admin.protective_stop, PROTECTIVE_S)
+    noticed_s = time.monotonic()
+    with pytest.raises(TooEarlyError):  # the connection ends here, and no later stop is noticed
+        arm.acknowledge()
+    until(lambda: time.monotonic() >= noticed_s + 5.3, 10.0)
+    controller.admin.reset()
+    controller.admin.protective_stop()
+    with pytest.raises(TooEarlyError, match="cannot be unlocked yet") as refused:
+        arm.acknowledge()
+    assert refused.value.wait_s == 5.0
+    controller.admin.clear()
+
+
 def test_an_acknowledgement_without_a_fault_does_not_end_a_foreign_program(controller: RunningController):
     fresh(controller)
     controller.admin.foreign_program()

@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from playwright.sync_api import expect
+from playwright.sync_api import Locator, expect
 
 from cell.control.status import FAULTS
 from service.api.routes.console import BUILT
@@ -27,8 +27,8 @@ def test_a_maintainer_acknowledges_a_protective_stop_after_checking(open_console
     acknowledge = maintainer.get_by_role("button", name="Acknowledge: nothing moves")
     expect(acknowledge).to_be_disabled()
     maintainer.get_by_label("I have checked the cell").check()
-    # The page shows the fault at once, but the cell is in use until the scan has ended, which may take longer than the
-    # five seconds after a stop in which the robot refuses the acknowledgement. Another stop begins them again.
+    # The end of the scan may take longer than the five seconds after a stop in which the robot refuses the
+    # acknowledgement. Another stop begins them again.
     wait_until(lambda: cell.live.client.get(location).json()["final"])
     cell.live.controller.reset()
     cell.live.controller.protective_stop()
@@ -49,13 +49,24 @@ def test_a_maintainer_acknowledges_a_protective_stop_after_checking(open_console
     expect(operator.get_by_role("button", name="Acknowledge")).to_have_count(0)
     expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
 
-    expect(acknowledge).to_be_enabled()
-    acknowledge.click()
+    acknowledge_when_possible(acknowledge, maintainer.get_by_role("region", name="Fault"))
     for page in (operator, maintainer):
         expect(page.get_by_role("region", name="Fault")).to_have_count(0)
         expect(page.get_by_role("banner")).to_contain_text("Acknowledged: connect, or start a live scan")
     expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
     cell.make_ready()
+
+
+def acknowledge_when_possible(button: Locator, fault: Locator) -> None:
+    """Acknowledge as a person does: again when the robot has refused it as too early and the countdown is over.
+
+    Only the robot knows when the second stop was; the service takes the wait from the first, or from its refusal.
+    """
+    for _ in range(3):
+        button.click()
+        expect(button).to_have_count(0)  # the fault has gone, or the button says to wait
+        if fault.count() == 0:
+            return
 
 
 def test_each_fault_has_a_list_of_checks() -> None:
