@@ -57,10 +57,8 @@ class Recognition:
 
     model: PointChainModel
     """The point chain model."""
-    targets: Sequence[TargetCloud] = ()
-    """Points of each view above the height threshold."""
-    clouds: Sequence[NormalCloud] = ()
-    """Points and normals of each view that shows a string, before registration."""
+    ingested: IngestedViews
+    """Preprocessed views: target clouds, points with normals, heights, and correspondences."""
     registration: Registration | None = None
     """Registered views, and their merged point cloud with normals."""
     centre_line: CentreLine | None = None
@@ -81,6 +79,16 @@ class Recognition:
     """Height of the table and of all that lies on it, from all views."""
     grasping: Grasping | None = None
     """Grasps, and the floor for the fingertips."""
+
+    @property
+    def targets(self) -> Sequence[TargetCloud]:
+        """Points of each view above the height threshold."""
+        return self.ingested.targets
+
+    @property
+    def clouds(self) -> Sequence[NormalCloud]:
+        """Points and normals of each view that shows a string, before registration."""
+        return self.ingested.clouds
 
 
 @dataclass
@@ -126,6 +134,7 @@ def recognise(
     gripper: Gripper | None = None,
     settings: Mapping[str, float] | None = None,
     all_grasps: bool = False,
+    earlier: Recognition | None = None,
 ) -> Recognition:
     """Recognise the strings in `views` and return their point chain model, with the results of each stage.
 
@@ -143,6 +152,7 @@ def recognise(
         settings: Parameter values by name. They replace the values in `parameters`, or the values for the measured
             radius. The measurement of the radius ignores `settings`.
         all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
+        earlier: Recognition of the first of these views. Their preprocessing is used again if the parameters are equal.
 
     Returns:
         The model, in metres and in the base frame, and the results of the stages. If the scene has no string, the model
@@ -187,7 +197,7 @@ def recognise(
         views = list(views)
         parameters = estimate_parameters(views, scene)
     parameters = parameters.with_settings(settings)
-    ingested = ingest_views(views, parameters, scene)
+    ingested = ingest_views(views, parameters, scene, None if earlier is None else earlier.ingested)
     if ingested.no_string_reason is not None:
         return _without_string(ingested, method, parameters, scene, timer, measured)
 
@@ -262,8 +272,7 @@ def recognise(
     )
     return Recognition(
         model=model,
-        targets=ingested.targets,
-        clouds=ingested.clouds,
+        ingested=ingested,
         registration=registration,
         centre_line=centre_line,
         thinned=linked.thinned,
@@ -302,4 +311,4 @@ def _without_string(
     )
     timer.end()
     quality = Quality(ingested.excluded, most_serious_first(findings))
-    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timer.timing_s), ingested.targets)
+    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timer.timing_s), ingested)

@@ -1,7 +1,8 @@
 """Process each view when it arrives, while the arm moves to the next viewpoint."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -20,6 +21,10 @@ from recognition.registration.registration import Registration
 class IngestedViews:
     """Preprocessed views, ready for registration."""
 
+    parameters: ChainParameters
+    """Parameters with which the views were preprocessed."""
+    scene: Scene
+    """Table height and workspace."""
     views: Sequence[DepthView]
     """All views, as they arrived."""
     targets: Sequence[TargetCloud]
@@ -27,22 +32,28 @@ class IngestedViews:
     layers: Sequence[HeightLayer]
     """Heights that each view measured, the table included."""
     clouds: Sequence[NormalCloud]
-    """Points with normals of the views that show a string; empty if no view shows a string."""
+    """Points with normals of the views that show a string."""
     correspondences: Sequence[Correspondences]
     """Correspondences of each view in `clouds` with the earlier views in `clouds`."""
+    crowded: Mapping[int, TooCrowdedError]
+    """Errors of the views with too many points for strings, by view index."""
     excluded: tuple[ViewQuality, ...]
     """Excluded views, each with the reason."""
     no_string_reason: str | None
     """Why the scene has no string; None if a string is visible."""
 
 
-def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene: Scene) -> IngestedViews:
+def ingest_views(
+    views: Iterable[DepthView], parameters: ChainParameters, scene: Scene, earlier: IngestedViews | None = None
+) -> IngestedViews:
     """Preprocess each view when it arrives, and find its correspondences with the earlier views.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
         parameters: Method parameters; uses the radius r and the height threshold z_t.
         scene: Table height and workspace.
+        earlier: Result for the first of these views. They are not processed again, unless the parameters or the scene
+            have changed.
 
     Returns:
         The preprocessed views.
@@ -59,6 +70,11 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
     clouds: list[NormalCloud] = []
     correspondences: list[Correspondences] = []
     crowded: dict[int, TooCrowdedError] = {}
+    views = iter(views)
+    if earlier is not None and (earlier.parameters, earlier.scene) == (parameters, scene):
+        arrived, targets, layers = [*islice(views, len(earlier.views))], [*earlier.targets], [*earlier.layers]
+        clouds, correspondences = [*earlier.clouds], [*earlier.correspondences]
+        crowded = {**earlier.crowded}
     for view in views:
         if view.index in {target.view for target in targets}:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
@@ -75,18 +91,30 @@ def ingest_views(views: Iterable[DepthView], parameters: ChainParameters, scene:
         correspondences += find_correspondences(cloud, clouds, parameters)
         clouds.append(cloud)
     selection = select_views(targets)
+    no_string_reason, excluded = None, selection.excluded
     if selection.no_string_reason is not None:
         threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
-        reason = f"{selection.no_string_reason} {threshold}"
-        return IngestedViews(arrived, targets, layers, (), (), selection.excluded, reason)
-    if len(clouds) < max(MIN_VIEWS, len(crowded)):
-        raise next(iter(crowded.values()))
-    excluded = selection.excluded + tuple(
-        ViewQuality(target.view, False, str(crowded[target.view]), len(target.points), code="view-crowded")
-        for target in selection.used
-        if target.view in crowded
+        no_string_reason = f"{selection.no_string_reason} {threshold}"
+    else:
+        if len(clouds) < max(MIN_VIEWS, len(crowded)):
+            raise next(iter(crowded.values()))
+        excluded += tuple(
+            ViewQuality(target.view, False, str(crowded[target.view]), len(target.points), code="view-crowded")
+            for target in selection.used
+            if target.view in crowded
+        )
+    return IngestedViews(
+        parameters=parameters,
+        scene=scene,
+        views=arrived,
+        targets=targets,
+        layers=layers,
+        clouds=clouds,
+        correspondences=correspondences,
+        crowded=crowded,
+        excluded=excluded,
+        no_string_reason=no_string_reason,
     )
-    return IngestedViews(arrived, targets, layers, clouds, correspondences, excluded, None)
 
 
 def merge_heights(ingested: IngestedViews, registration: Registration) -> HeightMap:

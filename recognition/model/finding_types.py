@@ -53,6 +53,7 @@ FindingCode = Literal[
     "more-pieces",
     "unexplained-surface",
     "more-unexplained-surface",
+    "more-views-needed",
     "view-missing",
     "recording-incomplete",
     "view-without-depth",
@@ -325,6 +326,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Nothing, if objects lie there. The grasps keep clear of them.",
         decision="nothing",
         value="number of further things",
+    ),
+    "more-views-needed": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="A scan that takes views as needed took more than four. The message says what was doubtful after each.",
+        action="Nothing. What is still doubtful has findings of its own.",
+        decision="nothing",
+        value="number of views after which something was doubtful for the last time",
     ),
     "view-missing": FindingType(
         severity="note",

@@ -1,0 +1,99 @@
+"""Whether the views of a scan suffice, so that it can end before its last viewpoint.
+
+Views of one ring show the topology as well as those of two rings. Further views mainly average the pose errors. Two
+views never suffice, because a model of two views may be wrong without a finding.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from recognition.model.chains import MIN_CERTAIN_CONFIDENCE
+from recognition.model.findings import Finding, finding
+from recognition.model.model import PointChainModel
+
+LEAST_VIEWS = 4
+"""Smallest number of views that can suffice."""
+FIRST_CHECK = LEAST_VIEWS - 1
+"""Number of views that are recognised first, because a model is compared with that of one view less."""
+MIN_CONFIDENCE = 0.99
+"""Smallest confidence of a crossing that needs no further view."""
+MAX_DOUBTS = 3
+"""Number of doubts that the finding names for each number of views."""
+
+
+@dataclass(frozen=True)
+class ViewCheck:
+    """What is doubtful after some of the views of a scan."""
+
+    views: int
+    """Number of views so far."""
+    doubts: tuple[str, ...]
+    """What is doubtful after these views."""
+
+    @property
+    def suffices(self) -> bool:
+        """Whether no further view is needed."""
+        return self.views >= LEAST_VIEWS and not self.doubts
+
+
+def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple[str, ...]:
+    """Return what is doubtful about a model and may be certain with another view.
+
+    There is no doubt if the model has a chain, `LEAST_VIEWS` used views or more, no finding above a note, no unobserved
+    end, no crossing below `MIN_CONFIDENCE`, and the topology of the model before.
+
+    Args:
+        model: Model of the views so far.
+        before: Model of the same views without the last one, or None if there is none.
+    """
+    doubts = [found.message for found in model.quality.findings if found.severity != "note"]
+    used = sum(view.used for view in model.quality.views)
+    if not model.chains:
+        doubts.append("no string was found")
+    elif used < LEAST_VIEWS:
+        doubts.append(f"only {used} views can be used")
+    named = {chain for found in model.quality.findings if found.code == "end-unobserved" for chain in found.chains}
+    doubts += [
+        f"an end of chain {chain.id} was not observed"
+        for chain in model.chains
+        if "unobserved" in chain.ends and chain.id not in named
+    ]
+    doubts += [
+        f"the confidence of crossing {crossing.id} is {crossing.confidence:.2f}"
+        for crossing in model.crossings
+        if MIN_CERTAIN_CONFIDENCE <= crossing.confidence < MIN_CONFIDENCE  # a lower one has a finding
+    ]
+    if before is None:
+        doubts.append("there is no model of one view less")
+    elif _topology(before) != _topology(model):
+        doubts.append("the model of one view less has another topology")
+    return tuple(doubts)
+
+
+def more_views_finding(checks: Sequence[ViewCheck]) -> Finding | None:
+    """Return the note on why a scan needed more than `LEAST_VIEWS` views, or None if it did not.
+
+    Args:
+        checks: Checks of `LEAST_VIEWS` views and more after which the scan went on.
+    """
+    doubtful = [check for check in checks if not check.suffices]
+    if not doubtful:
+        return None
+    parts = [f"after {check.views} views: {'; '.join(_shortened(check.doubts))}" for check in doubtful]
+    message = f"more than {LEAST_VIEWS} views were needed; {'; '.join(parts)}"
+    return finding("more-views-needed", message, value=doubtful[-1].views, limit=LEAST_VIEWS)
+
+
+def _shortened(doubts: Sequence[str]) -> list[str]:
+    more = len(doubts) - MAX_DOUBTS
+    return [*doubts[:MAX_DOUBTS], *([f"{more} more doubts"] if more > 0 else [])]
+
+
+def _topology(model: PointChainModel) -> list[tuple[bool, list[tuple[int, str, int]]]]:
+    """Return the crossings along each chain, numbered in the order in which the chains reach them."""
+    numbers: dict[int, int] = {}
+    code = [
+        [(numbers.setdefault(crossing, len(numbers)), role, sign) for crossing, role, sign in along]
+        for along in model.gauss_code()
+    ]
+    return [(chain.closed, along) for chain, along in zip(model.chains, code, strict=True)]

@@ -1,0 +1,56 @@
+"""Recognition after each view, to find out when the views of a scan suffice."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+from recognition.errors import RecognitionError
+from recognition.model.findings import Finding, most_serious_first
+from recognition.model.view_sufficiency import FIRST_CHECK, LEAST_VIEWS, ViewCheck, find_doubts, more_views_finding
+from recognition.pipeline import Recognition
+from recognition.preprocessing.target_cloud import DepthView
+
+RecogniseSome = Callable[[Sequence[DepthView], Recognition | None], Recognition]
+"""Recognises some views, with the recognition of the first of them, if there is one, as `earlier` of `recognise`."""
+
+
+def recognise_after_each_view(
+    views: Iterable[DepthView], recognise_some: RecogniseSome, on_check: Callable[[ViewCheck], None]
+) -> Recognition:
+    """Recognise the views so far when a view arrives, from the third view on, and return the last recognition.
+
+    If more than `LEAST_VIEWS` views were needed, the model has a finding that says why.
+
+    Args:
+        views: Depth images with their camera poses, one by one. The caller ends them when a check suffices.
+        recognise_some: Recognises the views so far.
+        on_check: Receives what is doubtful after each view.
+
+    Raises:
+        RecognitionError: As `recognise_some` raises it for all views.
+    """
+    taken: list[DepthView] = []
+    checks: list[ViewCheck] = []
+    latest: Recognition | None = None
+    before: Recognition | None = None
+    for view in views:
+        taken.append(view)
+        if len(taken) < FIRST_CHECK:
+            continue
+        before, latest = latest, None
+        try:
+            latest = recognise_some(taken, before)
+            doubts = find_doubts(latest.model, None if before is None else before.model)
+        except RecognitionError as error:
+            doubts = (str(error),)
+        checks.append(ViewCheck(len(taken), doubts))
+        on_check(checks[-1])
+    if latest is None:
+        latest = recognise_some(taken, before)
+    needed = more_views_finding([check for check in checks if LEAST_VIEWS <= check.views < len(taken)])
+    return latest if needed is None else _with_finding(latest, needed)
+
+
+def _with_finding(recognition: Recognition, added: Finding) -> Recognition:
+    model = recognition.model
+    quality = replace(model.quality, findings=most_serious_first((*model.quality.findings, added)))
+    return replace(recognition, model=replace(model, quality=quality))
