@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from cell.arm.arm_state import STEADY_RAD_S
 from cell.arm.connection import POLL_S, ArmConnection
-from cell.arm.speed_cap import capped_speed
 from cell.config.arm_config import ArmSettings
 from cell.errors import MotionError
+from cell.kinematics.speed_cap import capped_speed
 
 START_S = 1.0
 """Longest time from the acceptance of a move to its start."""

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cell.arm.speed_cap import capped_speed, max_flange_travel
 from cell.config.arm_config import ArmModelName
+from cell.kinematics.speed_cap import capped_speed, max_flange_travel
 from cell.kinematics.ur_kinematics import joint_speeds, link_frames
 
 models: st.SearchStrategy[ArmModelName] = st.sampled_from(("ur3e", "ur5e", "ur10e"))
