@@ -130,6 +130,47 @@ def frames_jacobian(frames: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([np.cross(axes, arms), axes], axis=-1).swapaxes(-1, -2)
 
 
+def flange_speeds(
+    model: ArmModelName, q_rad: NDArray[np.float64], qd_rad_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the speeds (N,) of the flange's origin, m/s, as the Jacobian gives them, in less time.
+
+    The first joint turns the whole arm and the last one turns the flange about its origin, so neither angle matters.
+
+    Args:
+        model: Model of the arm.
+        q_rad: Joint angles (N, 6).
+        qd_rad_s: Joint speeds (N, 6).
+    """
+    arm = ARMS[model]
+    _, upper, fore, _, _, _ = arm.a_m
+    _, _, _, aside, wrist, flange = arm.d_m
+    # joints 2 to 4 turn about parallel axes, so their angles add up
+    shoulder, elbow, bend, turn = q_rad[:, 1], q_rad[:, 1] + q_rad[:, 2], q_rad[:, 1:4].sum(axis=1), q_rad[:, 4]
+    base_speed, shoulder_speed, turn_speed = qd_rad_s[:, 0], qd_rad_s[:, 1], qd_rad_s[:, 4]
+    elbow_speed = shoulder_speed + qd_rad_s[:, 2]
+    bend_speed = elbow_speed + qd_rad_s[:, 3]
+    c_bend, s_bend, c_turn, s_turn = np.cos(bend), np.sin(bend), np.cos(turn), np.sin(turn)
+    # outwards and upwards in the plane of upper arm and forearm, and across it
+    out = upper * np.cos(shoulder) + fore * np.cos(elbow) + wrist * s_bend - flange * s_turn * c_bend
+    across = aside + flange * c_turn
+    tangential, radial = wrist * bend_speed - flange * c_turn * turn_speed, flange * s_turn * bend_speed
+    out_speed = (
+        -upper * shoulder_speed * np.sin(shoulder)
+        - fore * elbow_speed * np.sin(elbow)
+        + tangential * c_bend
+        + radial * s_bend
+    )
+    up_speed = (
+        upper * shoulder_speed * np.cos(shoulder)
+        + fore * elbow_speed * np.cos(elbow)
+        + tangential * s_bend
+        - radial * c_bend
+    )
+    across_speed = -flange * s_turn * turn_speed
+    return np.sqrt((out_speed + base_speed * across) ** 2 + up_speed**2 + (base_speed * out - across_speed) ** 2)
+
+
 def inverse(model: ArmModelName, T_base_flange: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return all joint angles (N, 6) that reach the flange pose, each in (-pi, pi]. N is 0 to 8.
 

@@ -7,11 +7,13 @@ import pytest
 
 from cell.arm.motion import distance_from_line
 from cell.arm.ur_arm import UrArm
+from cell.config.arm_config import SimulatedArm
 from cell.errors import MotionError, StoppedError
+from cell.kinematics.move_duration import move_durations
 from cell.process.child import Child
 from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.arm.pendant import Pendant
-from tests.cell.arm.virtual_arm import FAST, far, fresh, kinds, motion_commands, moving, stops, thread_of, until
+from tests.cell.arm.virtual_arm import FAST, HOME, far, fresh, kinds, motion_commands, moving, stops, thread_of, until
 from tests.cell.process.child_drivers import SlowToAllow
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
@@ -93,3 +95,21 @@ def test_the_speed_slider_slows_a_move_and_at_zero_ends_it(
     finally:
         arm.close()
         pendant.close()
+
+
+def test_a_move_takes_the_predicted_time(controller: RunningController):
+    settings = SimulatedArm()
+    begin = fresh(controller)
+    arm = UrArm(settings, controller.host)
+    targets = [HOME + [0.02, 0, 0, 0, 0, 0], HOME + [0.5, 0.2, -0.2, 0.1, 0.3, 1.0]]
+    try:
+        arm.connect()
+        for target in targets:
+            arm.move(target)
+    finally:
+        arm.close()
+    events = controller.admin.log(begin)
+    starts, ends = ([event["stamp_s"] for event in kinds(events, kind)] for kind in ("motion_start", "motion_done"))
+    predicted = move_durations(settings, np.array([HOME, targets[0]]), np.array(targets))
+    # The controller's clock is exact. The tolerance is for rounding only.
+    assert np.subtract(ends, starts) == pytest.approx(predicted, abs=1e-6)

@@ -9,6 +9,7 @@ from cell.config.arm_config import ArmModelName
 from cell.kinematics.ur_kinematics import (
     ARMS,
     _solver,
+    flange_speeds,
     forward,
     inverse,
     inverse_each,
@@ -80,6 +81,14 @@ def test_the_jacobian_is_the_derivative_of_the_pose(model: ArmModelName, q: NDAr
         assert (ahead - behind)[:3, 3] / (2 * step) == pytest.approx(J[:3, k], abs=1e-8)
         spin = (ahead - behind)[:3, :3] / (2 * step) @ forward(model, q)[:3, :3].T
         assert (spin[2, 1], spin[0, 2], spin[1, 0]) == pytest.approx(tuple(J[3:, k]), abs=1e-8)
+
+
+@given(models, angles, angles)
+def test_the_speed_of_the_flange_is_that_of_the_jacobian(
+    model: ArmModelName, q: NDArray[np.float64], qd: NDArray[np.float64]
+) -> None:
+    (speed,) = flange_speeds(model, q[None], qd[None])
+    assert speed == pytest.approx(np.linalg.norm(jacobian(model, q)[:3] @ qd), abs=1e-12)
 
 
 @given(models, angles)
