@@ -25,7 +25,7 @@ from cell.config.camera_config import CameraSettings, OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.devices import ArmState, DrivenArm
 from cell.errors import RobotUnreachableError, ViewpointsError
-from cell.planning.viewpoints import home_posture
+from cell.planning.home import home_posture
 from cell.simulation.devices.flange_pose import controller_pose, reported_pose
 from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import SimulatedWorld, simulated_world

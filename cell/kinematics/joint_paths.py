@@ -36,6 +36,10 @@ class PathFinder:
         self._free: dict[bytes, bool] = {}
         self._home_paths: dict[bytes, JointPath | None] = {}
 
+    def without_results(self) -> "PathFinder":
+        """Return a finder for the same cell that has no results yet and keeps its own."""
+        return PathFinder(self._collisions, self._home)
+
     def is_free(
         self, q_from: NDArray[np.float64], q_to: NDArray[np.float64], clearances: NDArray[np.float64] | None = None
     ) -> bool:

@@ -5,10 +5,12 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
 from cell.config.camera_optics import CameraOptics
+from cell.config.cell_config import CellSettings
 from cell.errors import ViewpointsError
-from cell.kinematics.collision import CollisionModel
+from cell.kinematics.collision import CollisionModel, collision_model
 from cell.kinematics.ik_branches import find_ik_solutions
 from cell.kinematics.ur_kinematics import jacobian, link_frames
+from cell.planning.candidate_poses import ViewTarget
 from cell.planning.look_at import look_at
 
 _FARTHER_M = (0.0, 0.06, -0.06, 0.12, -0.12)
@@ -16,6 +18,30 @@ _FARTHER_M = (0.0, 0.06, -0.06, 0.12, -0.12)
 _ELEVATIONS_RAD = np.deg2rad((80.0, 65.0, 50.0))
 _ASIDE_RAD = np.deg2rad((0.0, 40.0, -40.0, 90.0, -90.0, 180.0))
 _ROLLS_RAD = np.deg2rad(np.arange(-180.0, 180.0, 30.0))
+
+
+def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the joint angles (6,) of the home posture: the configured ones, else the best that are found.
+
+    Raises:
+        ViewpointsError: The configured posture is not free, or no free posture is found.
+    """
+    collisions = collision_model(settings, T_flange_camera)
+    return planned_home(settings, collisions, ViewTarget.of(settings, settings.camera.optics, T_flange_camera))
+
+
+def planned_home(settings: CellSettings, collisions: CollisionModel, view_target: ViewTarget) -> NDArray[np.float64]:
+    """Return the same as `home_posture`, for the collision model and the view target of the cell."""
+    if settings.arm.home_q_rad is None:
+        return find_home(collisions, view_target.centre, view_target.optics, view_target.T_flange_camera)
+    home = np.array(settings.arm.home_q_rad)
+    short = collisions.gaps(home[None])[0] - collisions.clearances
+    if short.min() < 0:
+        raise ViewpointsError(
+            f"home_q_rad in [arm] is not free: {collisions.contacts[short.argmin()]}, by {-short.min():.3f} m; give "
+            "another one, or remove it"
+        )
+    return home
 
 
 def find_home(

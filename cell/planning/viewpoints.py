@@ -1,7 +1,7 @@
 """Plan of a scan: the viewpoints and the joint path through them, complete before anything moves."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from cell.config.cell_config import CellSettings
 from cell.errors import ViewpointsError
-from cell.kinematics.collision import CollisionModel, collision_model
-from cell.kinematics.joint_paths import PathFinder, travel_rad
-from cell.planning.candidate_poses import CandidatePose, ViewTarget, scan_candidates
-from cell.planning.home import find_home
-from cell.planning.pose_selection import PoseChoice, choose_poses
+from cell.kinematics.collision import CollisionModel
+from cell.kinematics.joint_paths import travel_rad
+from cell.kinematics.move_duration import path_duration
+from cell.planning.candidate_poses import CandidatePose, ViewTarget
+from cell.planning.groundwork import Groundwork, groundwork_through, scan_groundwork
 from cell.planning.tour import Tour, find_tour
 from recognition.preprocessing.coverage import CameraFrustum, Coverage, coverage_message, table_coverage
 
@@ -22,8 +22,6 @@ OVERLAP_M = 0.01
 """Largest overlap of the capsules at the start. The capsules are thicker than the arm."""
 APPROACH_M = 0.003
 """Further approach that is allowed on the path from a start that is nearer to something than the clearance."""
-
-
 HOME_TOLERANCE_RAD = 0.002
 """Largest distance of a joint from its home angle at which the arm counts as home."""
 
@@ -64,6 +62,10 @@ class Leg:
     """Joint angles (N, 6) of the waypoints, each reached in a straight line in joint space. The last is the end."""
     travel_rad: float
     """Motion of the leading joint, summed over the waypoints."""
+    duration_s: float
+    """Duration of the motion, at rest at each waypoint, at full speed slider."""
+    home_waypoints_rad: NDArray[np.float64]
+    """Joint angles (N, 6) of the waypoints from its end home, if the scan ends there. None lead from home, N is 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +82,14 @@ class ViewpointPlan:
     """Joint angles (6,) of the home posture."""
     travel_rad: float
     """Motion of the leading joint, summed over all legs."""
+    duration_s: float
+    """Duration of the motion, summed over all legs."""
     coverage: Coverage
     """Coverage of the table by the views of the reachable viewpoints."""
     planning_s: float = field(compare=False)
     """Duration of the planning."""
+    first: tuple[int, ...] = ()
+    """Indices of the viewpoints of the group that is visited first, in order. Empty if the plan has no such group."""
     held_out: tuple[int, ...] = ()
     """Indices of the viewpoints that verify a calibration and are not used to solve it."""
     warnings: tuple[str, ...] = ()
@@ -144,22 +150,28 @@ class ViewpointPlan:
 
 
 def plan_viewpoints(
-    settings: CellSettings, T_flange_camera: NDArray[np.float64], q_now_rad: ArrayLike | None
+    settings: CellSettings,
+    T_flange_camera: NDArray[np.float64],
+    q_now_rad: ArrayLike | None,
+    first: Sequence[Collection[int]] = (),
 ) -> ViewpointPlan:
     """Plan the viewpoints of a scan and the path through them. The same arguments give the same plan.
 
-    Viewpoints that are not reachable are in the plan with their reason.
+    Unreachable viewpoints are in the plan with their reason. The part that does not depend on the start is kept for the
+    next plans of the same cell.
 
     Args:
         settings: Settings of the cell.
         T_flange_camera: Camera pose on the flange (4, 4).
         q_now_rad: Joint angles (6,) at the start. None means home.
+        first: Alternative groups of viewpoints, as in `plan_through`.
 
     Raises:
         ViewpointsError: No home posture is free, or no path leads from the start.
     """
-    view_target = ViewTarget.of(settings, settings.camera.optics, T_flange_camera)
-    return plan_through(settings, view_target, scan_candidates(view_target, settings.scan.views), q_now_rad)
+    began = time.perf_counter()
+    groundwork = scan_groundwork(settings, T_flange_camera)
+    return _plan_from(groundwork, q_now_rad, first, began)
 
 
 def plan_through(
@@ -167,6 +179,7 @@ def plan_through(
     view_target: ViewTarget,
     candidates: Sequence[Iterator[list[CandidatePose]]],
     q_now_rad: ArrayLike | None,
+    first: Sequence[Collection[int]] = (),
 ) -> ViewpointPlan:
     """Plan a path through any viewpoints.
 
@@ -175,39 +188,47 @@ def plan_through(
         view_target: Target and camera.
         candidates: Candidate poses of each viewpoint, as `cell.planning.candidate_poses.candidate_levels` gives them.
         q_now_rad: Joint angles (6,) at the start. None means home.
+        first: Alternative groups of viewpoints, after which the scan may end. The path visits the reachable viewpoints
+            of one group before all others. Groups with fewer reachable viewpoints than another one are not used.
 
     Raises:
         ViewpointsError: No home posture is free, or no path leads from the start.
     """
     began = time.perf_counter()
-    collisions = collision_model(settings, view_target.T_flange_camera)
-    home = _home(settings, collisions, view_target)
-    start = home if q_now_rad is None else np.array(q_now_rad, dtype=np.float64)
-    start_clearances = _clearances_from(collisions, start)
+    return _plan_from(groundwork_through(settings, view_target, candidates), q_now_rad, first, began)
 
-    path_finder = PathFinder(collisions, home)
-    chosen = choose_poses(candidates, collisions, path_finder, home)
-    groups = {index: choice.postures for index, choice in enumerate(chosen) if choice.reason is None}
-    tour = find_tour(start, home, list(groups.values()), path_finder, start_clearances)
+
+def _plan_from(
+    groundwork: Groundwork, q_now_rad: ArrayLike | None, first: Sequence[Collection[int]], began: float
+) -> ViewpointPlan:
+    home = groundwork.postures.home_q_rad
+    start = home if q_now_rad is None else np.array(q_now_rad, dtype=np.float64)
+    start_clearances = _clearances_from(groundwork.collisions, start)
+    tour = find_tour(groundwork.postures, start, start_clearances, _reachable_groups(first, groundwork.indices))
     if tour is None:
         raise ViewpointsError(
             "no collision-free path leads from the arm's position to home or to a viewpoint: move "
             "the arm by hand (freedrive) above the workspace, clear of the table and obstacles"
         )
-    viewpoints, legs = _taken(chosen, list(groups), list(groups.values()), tour, start)
-    travel = sum(leg.travel_rad for leg in legs)
-    coverage = _coverage(viewpoints, view_target)
-    return ViewpointPlan(viewpoints, legs, start, home, travel, coverage, time.perf_counter() - began)
+    viewpoints, legs = _taken(groundwork, tour, start)
+    return ViewpointPlan(
+        viewpoints=viewpoints,
+        legs=legs,
+        start_q_rad=start,
+        home_q_rad=home,
+        travel_rad=sum(leg.travel_rad for leg in legs),
+        duration_s=sum(leg.duration_s for leg in legs),
+        coverage=_coverage(viewpoints, groundwork.view_target),
+        planning_s=time.perf_counter() - began,
+        first=tuple(groundwork.indices[group] for group, _ in tour.stops[: tour.first]),
+    )
 
 
-def home_posture(settings: CellSettings, T_flange_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the joint angles (6,) of the home posture: the configured ones, else the best that are found.
-
-    Raises:
-        ViewpointsError: The configured posture is not free, or no free posture is found.
-    """
-    collisions = collision_model(settings, T_flange_camera)
-    return _home(settings, collisions, ViewTarget.of(settings, settings.camera.optics, T_flange_camera))
+def _reachable_groups(first: Sequence[Collection[int]], indices: list[int]) -> list[list[int]]:
+    """Return the groups with the most reachable viewpoints, as numbers in `indices`. Empty groups do not count."""
+    reachable = [[number for number, index in enumerate(indices) if index in views] for views in first]
+    most = max(map(len, reachable), default=0)
+    return [group for group in reachable if group and len(group) == most]
 
 
 def require_enough(plan: ViewpointPlan, min_views: int) -> None:
@@ -227,19 +248,6 @@ def require_enough(plan: ViewpointPlan, min_views: int) -> None:
 def describe_missing(plan: ViewpointPlan) -> str:
     """Return the skipped viewpoints with their reasons, for a message."""
     return "; ".join(f"{v.index}: {v.reason}" for v in plan.viewpoints if v.reason is not None)
-
-
-def _home(settings: CellSettings, collisions: CollisionModel, view_target: ViewTarget) -> NDArray[np.float64]:
-    if settings.arm.home_q_rad is None:
-        return find_home(collisions, view_target.centre, view_target.optics, view_target.T_flange_camera)
-    home = np.array(settings.arm.home_q_rad)
-    short = collisions.gaps(home[None])[0] - collisions.clearances
-    if short.min() < 0:
-        raise ViewpointsError(
-            f"home_q_rad in [arm] is not free: {collisions.contacts[short.argmin()]}, by {-short.min():.3f} m; give "
-            "another one, or remove it"
-        )
-    return home
 
 
 def _clearances_from(collisions: CollisionModel, start: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -269,14 +277,11 @@ def _coverage(viewpoints: tuple[Viewpoint, ...], view_target: ViewTarget) -> Cov
 
 
 def _taken(
-    chosen: list[PoseChoice],
-    indices: list[int],
-    groups: list[NDArray[np.float64]],
-    tour: Tour,
-    start: NDArray[np.float64],
+    groundwork: Groundwork, tour: Tour, start: NDArray[np.float64]
 ) -> tuple[tuple[Viewpoint, ...], tuple[Leg, ...]]:
-    """Return all viewpoints, and the legs of the tour through those in `groups`, whose indices are `indices`."""
-    taken = {indices[group]: groups[group][posture] for group, posture in tour.stops}
+    """Return all viewpoints, and the legs of the tour through the reachable ones."""
+    indices, arm = groundwork.indices, groundwork.postures.arm
+    taken = {indices[group]: groundwork.chosen[indices[group]].postures[posture] for group, posture in tour.stops}
     viewpoints = tuple(
         Viewpoint(
             index=index,
@@ -290,14 +295,17 @@ def _taken(
             reason=choice.reason,
             fallback=choice.pose.fallback,
         )
-        for index, choice in enumerate(chosen)
+        for index, choice in enumerate(groundwork.chosen)
     )
     ends = [*(indices[group] for group, _ in tour.stops), None]
     legs, q_rad = [], start
-    for view, path in zip(ends, tour.paths, strict=True):
+    for view, path, home_path in zip(ends, tour.paths, (*tour.home_paths, ()), strict=True):
         passed = [
             q for q, before in zip(path, (q_rad, *path), strict=False) if q is path[-1] or not np.array_equal(q, before)
         ]
-        legs.append(Leg(view, np.array(passed), travel_rad(q_rad, path)))
+        home_waypoints = np.array(home_path).reshape(-1, 6)
+        legs.append(
+            Leg(view, np.array(passed), travel_rad(q_rad, path), path_duration(arm, q_rad, path), home_waypoints)
+        )
         q_rad = path[-1]
     return viewpoints, tuple(legs)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cell.config.cell_config import CellSettings
 from cell.planning.grasp_reach import find_reach, reach_model
-from cell.planning.viewpoints import home_posture
+from cell.planning.home import home_posture
 from cell.self_test.check_result import CheckContext, CheckResult, ok
 from recognition.grasping.flange_poses import flange_poses
 

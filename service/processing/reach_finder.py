@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.cell_config import CellSettings
 from cell.planning.grasp_reach import GraspReach, ReachModel, find_reach, reach_model
-from cell.planning.viewpoints import home_posture
+from cell.planning.home import home_posture
 from recognition.grasping.flange_poses import flange_poses
 from recognition.grasping.gripper import Gripper
 from recognition.model.grasps import Grasp

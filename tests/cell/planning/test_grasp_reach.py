@@ -13,7 +13,7 @@ from cell.config.cell_config import CellSettings, MountingSettings
 from cell.kinematics.ik_branches import MIN_SINGULAR_VALUE, USED_LIMIT_RAD
 from cell.kinematics.ur_kinematics import forward, inverse, jacobian
 from cell.planning.grasp_reach import GraspReach, find_reach, reach_model
-from cell.planning.viewpoints import home_posture
+from cell.planning.home import home_posture
 from cell.simulation.cases import make_case, simulate
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from cell.simulation.ur_controller.launcher import RunningController, start_controller
