@@ -7,16 +7,32 @@ import math
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, field_validator, model_validator
 
 from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.gripper_config import GripperSettings
+from cell.config.scan_views import LEAST_VIEWS, MOST_VIEWS, Views, count_viewpoints, parse_views
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
 MAX_DISTANCE_M = 5.0
 """Largest distance of any part of the cell from the arm's base."""
+
+
+ScanViews = Annotated[
+    Views,
+    BeforeValidator(parse_views),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "integer", "minimum": LEAST_VIEWS, "maximum": MOST_VIEWS},
+                {"type": "string", "const": "auto"},
+            ]
+        }
+    ),
+]
+"""Validated number of viewpoints, or `auto`."""
 
 
 class WorkspaceSettings(StrictSettings):
@@ -63,8 +79,8 @@ class MountingSettings(StrictSettings):
 class ScanSettings(StrictSettings):
     """Default parameters of a live scan."""
 
-    views: int = Field(default=8, ge=2, le=32)
-    """Number of viewpoints."""
+    views: ScanViews = 8
+    """Number of viewpoints, or "auto": one ring of four viewpoints, and four more only if something is doubtful."""
     min_views: int = Field(default=4, ge=2, le=32)
     """Minimum number of views. With fewer reachable viewpoints the scan is refused; with fewer views it fails."""
     string_radius_m: float | None = Field(default=None, ge=R_MIN, le=R_MAX)
@@ -72,9 +88,14 @@ class ScanSettings(StrictSettings):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.min_views > self.views:
-            raise ValueError(f"min_views is {self.min_views}, more than the {self.views} views")
+        if self.min_views > self.viewpoints:
+            raise ValueError(f"min_views is {self.min_views}, more than the {self.viewpoints} views")
         return self
+
+    @property
+    def viewpoints(self) -> int:
+        """Number of viewpoints to plan."""
+        return count_viewpoints(self.views)
 
 
 class HandEyeSettings(StrictSettings):
@@ -188,9 +209,9 @@ class CellSettings(StrictSettings):
         """Serial number of the robot, or None if the settings do not determine it."""
         return self.arm.serial
 
-    def for_views(self, views: int | None) -> "CellSettings":
-        """Return the settings of a scan with this number of views. None means the configured number."""
+    def for_views(self, views: Views | None) -> "CellSettings":
+        """Return the settings of a scan with these views. None means the configured ones."""
         if views is None:
             return self
-        least = min(views, self.scan.min_views)
+        least = min(count_viewpoints(views), self.scan.min_views)
         return self.model_copy(update={"scan": self.scan.model_copy(update={"views": views, "min_views": least})})

@@ -6,6 +6,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterator
 
+from cell.control.early_end import EarlyEnd
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.errors import MissingViewsError
@@ -22,6 +23,7 @@ class BackgroundScan:
         views: Iterator[View | MissingView],
         return_home: Callable[[], None],
         on_failure: Callable[[BaseException], None],
+        early_end: EarlyEnd,
     ) -> None:
         """Create the scan; nothing moves before `running`.
 
@@ -29,7 +31,10 @@ class BackgroundScan:
             views: Takes a view at each step, or finds that it is missing, in the thread `motion`.
             return_home: Moves the arm home. It is called after the last view, also if too few views were taken.
             on_failure: Called with the error of a failed scan when the arm has ended its motion. It must not wait.
+            early_end: For the decisions at the viewpoints, on which `views` waits.
         """
+        self.early_end = early_end
+        """Takes the decision whether the scan ends with the views so far."""
         self.missing: list[MissingView] = []
         """Missing views. The list is complete when the iteration has ended."""
         self._taking, self._return_home, self._on_failure = views, return_home, on_failure
@@ -98,8 +103,10 @@ class BackgroundScan:
                 self._ended.set()
                 raise
             yield
+            self.early_end.close()
             self.wait()
         except BaseException as error:
+            self.early_end.close()
             # After an error of the scan itself, the arm is at rest or on its way home.
             if error is not self.error and self.at_work:
                 stop()

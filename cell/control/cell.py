@@ -33,8 +33,10 @@ from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
 from cell.camera.camera import LiveCamera
 from cell.config.cell_config import CellSettings
+from cell.config.scan_views import Views
 from cell.control.active_calibration import require_unchanged
 from cell.control.background_scan import BackgroundScan
+from cell.control.early_end import EarlyEnd
 from cell.control.equipment import Equipment
 from cell.control.idle_monitor import IdleMonitor
 from cell.control.preparation import Preparation
@@ -121,11 +123,11 @@ class Cell:
         with self._exclusive():
             self._preparation.connect(self._preparation.active_hand_eye)
 
-    def plan(self, views: int | None = None) -> ViewpointPlan:
+    def plan(self, views: Views | None = None) -> ViewpointPlan:
         """Plan the viewpoints of a scan from the arm's last known posture. No device is queried.
 
         Args:
-            views: Number of viewpoints, or None for the configured number.
+            views: Number of viewpoints or `auto`, or None for the configured value.
 
         Raises:
             CalibrationError: There is no usable calibration.
@@ -146,11 +148,11 @@ class Cell:
         """
         self._preparation.check_scan(requested_at)
 
-    def validate_scan(self, views: int | None, requested_at: float) -> ViewpointPlan:
+    def validate_scan(self, views: Views | None, requested_at: float) -> ViewpointPlan:
         """Plan a scan as far as possible without a device, from the arm's last known posture.
 
         Args:
-            views: Number of viewpoints, or None for the configured number.
+            views: Number of viewpoints or `auto`, or None for the configured value.
             requested_at: As for `check_scan`.
 
         Raises:
@@ -162,11 +164,11 @@ class Cell:
         require_enough(plan, self.settings.for_views(views).scan.min_views)
         return plan
 
-    def prepare_scan(self, views: int | None, requested_at: float) -> PreparedScan:
+    def prepare_scan(self, views: Views | None, requested_at: float) -> PreparedScan:
         """Connect if needed, plan the viewpoints and check that enough are reachable. The arm does not move.
 
         Args:
-            views: Number of viewpoints, or None for the configured number.
+            views: Number of viewpoints or `auto`, or None for the configured value.
             requested_at: Time of the request, seconds of `time.monotonic()`. A later stop cancels the scan.
 
         Raises:
@@ -257,9 +259,10 @@ class Cell:
                 self._status.change(reason=reason)
                 return_home(arm, prepared.plan)
 
-            views = take_views(context, prepared.plan, writer, listener, prepared.min_views)
+            early_end = EarlyEnd(prepared.may_end_after if isinstance(prepared, PreparedScan) else None)
+            views = take_views(context, prepared.plan, writer, listener, prepared.min_views, early_end)
             # a failure changes the state at once, whatever the body is doing
-            scan = BackgroundScan(views, home, on_failure=partial(self._status.set_outcome, faults=FAULTS))
+            scan = BackgroundScan(views, home, partial(self._status.set_outcome, faults=FAULTS), early_end)
             self._status.change(state="busy", slug="cell-busy", reason=f"a {prepared.purpose} is under way")
             try:
                 with scan.running(self._equipment.stop):

@@ -13,6 +13,7 @@ from calibration.input_checks.observations import MIN_VIEWS
 from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
 from cell.config.cell_config import CellSettings
+from cell.config.scan_views import Views
 from cell.control.active_calibration import (
     hand_eye_in_use,
     initial_guess,
@@ -28,6 +29,7 @@ from cell.errors import CalibrationError, CameraLostError, CellError, StoppedErr
 from cell.planning.calibration_poses import plan_calibration, plan_verification
 from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 from cell.recording.header import RecordingHeader
+from recognition.model.view_sufficiency import LEAST_VIEWS
 
 log = logging.getLogger(__name__)
 
@@ -50,7 +52,7 @@ class Preparation:
     def __init__(self, settings: CellSettings, equipment: Equipment, status: SharedStatus, stops: StopRequests) -> None:
         self._settings, self._equipment, self._status, self._stops = settings, equipment, status, stops
 
-    def scan(self, views: int | None, requested_at: float) -> PreparedScan:
+    def scan(self, views: Views | None, requested_at: float) -> PreparedScan:
         """Prepare a scan, as `Cell.prepare_scan` says."""
         self._stops.raise_if_stopped_since(requested_at)  # before connecting: a stale request must not connect
         started_at = time.monotonic()
@@ -61,12 +63,19 @@ class Preparation:
         connected_at = time.monotonic()
         plan = self.plan_scan(views, hand_eye)
         planned_at = time.monotonic()
-        require_enough(plan, self._settings.for_views(views).scan.min_views)
+        scan = self._settings.for_views(views).scan
+        require_enough(plan, scan.min_views)
         self._stops.raise_if_stopped_since(requested_at)
-        min_views = min(self._settings.scan.min_views, len(plan.viewpoints))
-        header = self._recording_header(hand_eye, connected)
-        times = connected_at - started_at, planned_at - connected_at
-        return PreparedScan(plan, hand_eye, requested_at, min_views, header, *times)
+        return PreparedScan(
+            plan,
+            hand_eye,
+            requested_at,
+            scan.min_views,
+            self._recording_header(hand_eye, connected),
+            connect_s=connected_at - started_at,
+            plan_s=planned_at - connected_at,
+            may_end_after=max(scan.min_views, LEAST_VIEWS) if scan.views == "auto" else None,
+        )
 
     def check_scan(self, requested_at: float) -> None:
         """Check what is known without a device, as `Cell.check_scan` says. Any thread may call this."""
@@ -145,7 +154,7 @@ class Preparation:
         self._stops.raise_if_stopped_since(started_at)
         return Connected(arm, camera, hand_eye)
 
-    def plan_scan(self, views: int | None, hand_eye: HandEye) -> ViewpointPlan:
+    def plan_scan(self, views: Views | None, hand_eye: HandEye) -> ViewpointPlan:
         """Plan the viewpoints of a scan from the arm's last known posture.
 
         Raises:

@@ -30,6 +30,8 @@ class PreparedScan:
     """Time that connecting arm and camera took, seconds. Nearly 0 if they were connected."""
     plan_s: float
     """Time that planning the viewpoints took, seconds."""
+    may_end_after: int | None = None
+    """Number of views after which the scan may end early. None: all viewpoints are visited."""
 
 
 @dataclass(frozen=True, eq=False)

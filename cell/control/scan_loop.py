@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, rotation_angle
+from cell.control.early_end import EarlyEnd
 from cell.control.progress import MissingView, ProgressListener, ViewTiming
 from cell.devices import Arm, ArmState, Camera, View
 from cell.errors import BadFrameError, CameraLostError, MissingViewsError, RobotNotReadyError
@@ -47,12 +48,25 @@ class ScanContext:
 
 
 def take_views(
-    context: ScanContext, plan: ViewpointPlan, writer: ViewWriter, listener: ProgressListener, min_views: int
+    context: ScanContext,
+    plan: ViewpointPlan,
+    writer: ViewWriter,
+    listener: ProgressListener,
+    min_views: int,
+    early_end: EarlyEnd,
 ) -> Iterator[View | MissingView]:
     """Yield the views of the planned viewpoints in the order of the plan, each when it is on the disk.
 
     A viewpoint that the arm cannot reach, or at which the camera fails, gives a MissingView, and the scan continues.
     The arm stays at the last viewpoint.
+
+    Args:
+        context: Devices and settings.
+        plan: Viewpoints and path.
+        writer: Writes each view to the disk.
+        listener: Receives the progress.
+        min_views: Smallest number of views.
+        early_end: Decides at a viewpoint whether the scan ends there.
 
     Raises:
         RobotNotReadyError: The arm is not at the start of the plan.
@@ -68,7 +82,7 @@ def take_views(
     if np.abs(context.arm.state().q_rad - plan.start_q_rad).max() > START_RAD:
         raise RobotNotReadyError("the arm was moved after its path was planned: start again")
     taken, failure = 0, ""
-    for leg in plan.legs:
+    for leg, following in zip(plan.legs, [*plan.legs[1:], None], strict=True):
         if leg.view is None:
             continue
         context.check()
@@ -89,15 +103,18 @@ def take_views(
         listener.recorded(leg.view, ViewTiming(arrived_at - moves_at, context.settle_s, exposure_s))
         taken += 1
         yield view
+        is_last = following is None or following.view is None
+        if not is_last and early_end.wait(taken):
+            break
     if taken < min_views:
         raise MissingViewsError(f"only {taken} views were taken, {min_views} are needed; the last failure: {failure}")
 
 
 def return_home(arm: Arm, plan: ViewpointPlan) -> None:
-    """Move the arm from the last viewpoint home. Raise the errors of `arm.move`."""
-    for leg in plan.legs:
-        if leg.view is None:
-            _follow(arm, leg.waypoints_rad)
+    """Move the arm from the viewpoint at which it stands home. Raise the errors of `arm.move`."""
+    q_rad = arm.state().q_rad
+    here = min(plan.legs, key=lambda leg: float(np.abs(leg.waypoints_rad[-1] - q_rad).max()))
+    _follow(arm, here.home_waypoints_rad)
 
 
 def _follow(arm: Arm, waypoints_rad: NDArray[np.float64]) -> ArmState:

@@ -56,7 +56,7 @@ def scan_groundwork(settings: CellSettings, T_flange_camera: NDArray[np.float64]
 @lru_cache(maxsize=CELLS_KEPT)
 def _kept_groundwork(settings: CellSettings, T_flange_camera: bytes) -> Groundwork:
     view_target = ViewTarget.of(settings, settings.camera.optics, np.frombuffer(T_flange_camera).reshape(4, 4))
-    return groundwork_through(settings, view_target, scan_candidates(view_target, settings.scan.views))
+    return groundwork_through(settings, view_target, scan_candidates(view_target, settings.scan.viewpoints))
 
 
 def groundwork_through(

@@ -60,6 +60,11 @@ def two_rings(views: int) -> list[Bearing]:
     ]
 
 
+def ring_indices(views: int) -> tuple[range, range]:
+    """Return the indices of the bearings of `two_rings` on the lower and on the upper ring."""
+    return range(0, views, 2), range(1, views, 2)
+
+
 def min_distance(
     points: NDArray[np.float64], K: NDArray[np.float64], size: tuple[int, int], near_m: float, bearing: Bearing
 ) -> float:

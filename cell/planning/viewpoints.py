@@ -15,6 +15,7 @@ from cell.kinematics.joint_paths import travel_rad
 from cell.kinematics.move_duration import path_duration
 from cell.planning.candidate_poses import CandidatePose, ViewTarget
 from cell.planning.groundwork import Groundwork, groundwork_through, scan_groundwork
+from cell.planning.look_at import ring_indices
 from cell.planning.tour import Tour, find_tour
 from recognition.preprocessing.coverage import CameraFrustum, Coverage, coverage_message, table_coverage
 
@@ -153,7 +154,7 @@ def plan_viewpoints(
     settings: CellSettings,
     T_flange_camera: NDArray[np.float64],
     q_now_rad: ArrayLike | None,
-    first: Sequence[Collection[int]] = (),
+    first: Sequence[Collection[int]] | None = None,
 ) -> ViewpointPlan:
     """Plan the viewpoints of a scan and the path through them. The same arguments give the same plan.
 
@@ -164,13 +165,16 @@ def plan_viewpoints(
         settings: Settings of the cell.
         T_flange_camera: Camera pose on the flange (4, 4).
         q_now_rad: Joint angles (6,) at the start. None means home.
-        first: Alternative groups of viewpoints, as in `plan_through`.
+        first: Alternative groups of viewpoints, as in `plan_through`. None means the two rings if the views are `auto`,
+            else no group.
 
     Raises:
         ViewpointsError: No home posture is free, or no path leads from the start.
     """
     began = time.perf_counter()
     groundwork = scan_groundwork(settings, T_flange_camera)
+    if first is None:
+        first = ring_indices(settings.scan.viewpoints) if settings.scan.views == "auto" else ()
     return _plan_from(groundwork, q_now_rad, first, began)
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 from anyio import CapacityLimiter
 from fastapi import Depends, Path, Query, Request
 
+from cell.config.cell_config import ScanViews
 from cell.control.cell import Cell
 from service.api.images.image_cache import ImageCache
 from service.api.response_cache import ResponseCache
@@ -105,4 +106,6 @@ Recording = Annotated[RecordingRow, Depends(_recording)]
 
 Limit = Annotated[int, Query(ge=1, le=500, description="Maximum number of items in the answer")]
 Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Id of an item; only older items are listed")]
-ViewCount = Annotated[int | None, Query(ge=2, le=32, description="Number of viewpoints; default: as configured")]
+ViewCount = Annotated[
+    ScanViews | None, Query(description='Number of viewpoints from 2 to 32, or "auto"; default: as configured')
+]

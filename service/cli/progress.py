@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable
 
-from cell.control.prepared import Prepared
+from cell.control.prepared import Prepared, PreparedScan
 from cell.control.progress import BoardObservation, ViewTiming
 from cell.errors import StoppedError
 
@@ -27,7 +27,9 @@ class TerminalProgress:
         """
         self._report, self._stop_requested = report, stop_requested
         self._position, self._view = ("viewpoint", "view") if prepared.purpose == "scan" else ("pose", "pose")
-        self._views, self._taken = prepared.plan.reachable, 0
+        self._views, self._taken = str(prepared.plan.reachable), 0
+        if isinstance(prepared, PreparedScan) and prepared.may_end_after is not None:
+            self._views = f"{prepared.may_end_after} to {self._views}"
 
     def moving(self, index: int) -> None:
         """Report the next move.

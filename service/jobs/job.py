@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from cell.config.scan_views import Views
 from cell.control.prepared import Prepared
 from service.errors import Failure, JobKind, JobReference
 from service.states import ScanState
@@ -37,8 +38,8 @@ class StopRequest:
 class UnpreparedScan:
     """A live scan that was accepted. The cell prepares it when the job runs."""
 
-    views: int | None
-    """Number of viewpoints; None for the configured number."""
+    views: Views | None
+    """Number of viewpoints or `auto`; None for the configured value."""
     requested_at: float
     """Time of the request, monotonic seconds. A later stop cancels the scan."""
 

@@ -13,6 +13,7 @@ from cell.control.prepared import PreparedScan
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
+from recognition.model.view_sufficiency import ViewCheck
 from service.jobs.inputs import recognition_inputs
 from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics
@@ -83,9 +84,16 @@ def _recognise(
         # While views are still being taken, the stages of the earlier ones are not reported.
         store.scans.update(scan_id, ("processing",), stage=name)
 
+    def on_check(check: ViewCheck) -> None:
+        log.info("after %d views: %s", check.views, "; ".join(check.doubts) or "nothing is doubtful")
+        views.early_end.decide(check.views, check.suffices)
+
     try:
-        outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing)
+        outcome = worker.run(
+            task, on_stage, limit_s, all_views(), views.missing, on_check if task.check_views else None
+        )
     except TaskFailedError:
+        views.early_end.close()
         for _ in views:
             pass  # take the remaining views for the recording
         views.wait()  # and let the arm return home

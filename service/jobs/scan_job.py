@@ -169,7 +169,8 @@ class ScanWork:
         return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
 
     def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
-        task = self._task(scan, dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m), results)
+        header = dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m)
+        task = dataclasses.replace(self._task(scan, header, results), check_views=prepared.may_end_after is not None)
         inputs = recognition_inputs(task)
         self._store.scans.update(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
         return run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from calibration.target.board import Board
+from cell.config.scan_views import Views
 from cell.control.cell import Cell
 from recognition.model.model import Method
 from service.jobs.cell_lock import CellLock
@@ -83,7 +84,7 @@ class Submissions:
 
     def live(
         self,
-        views: int | None,
+        views: Views | None,
         method: Method,
         radius_m: float | None,
         requested_at: float,
@@ -93,7 +94,7 @@ class Submissions:
         """Accept a live scan. No device is contacted: the job connects and plans.
 
         Args:
-            views: Number of viewpoints; None for the configured number.
+            views: Number of viewpoints or `auto`; None for the configured value.
             method: Recognition method.
             radius_m: String radius, metres; None to measure it.
             requested_at: Time of the request, monotonic seconds. The scan is refused if the arm was stopped since.
@@ -109,6 +110,7 @@ class Submissions:
                 requester,
                 all_grasps=all_grasps,
                 simulated=self._cell.settings.simulated,
+                views=self._cell.settings.for_views(views).scan.views,
             )
             with self._lock.accepting(Job(scan, UnpreparedScan(views, requested_at)), self._begin):
                 self._store.scans.add(scan, requester.key_row(scan))
@@ -143,6 +145,7 @@ def new_scan(
     source: str | None = None,
     all_grasps: bool = False,
     simulated: bool | None = None,
+    views: Views | None = None,
 ) -> ScanRow:
     """Return the row of a scan that is accepted now. The state of a live scan is `connecting`.
 
@@ -155,6 +158,7 @@ def new_scan(
         source: Id of the scan that is reprocessed.
         all_grasps: Whether the model also has the grasps on parts with a doubt.
         simulated: Whether the arm or the camera is simulated. None: not known.
+        views: Number of viewpoints of a live scan, or `auto`.
     """
     return ScanRow(
         id=new_id(),
@@ -174,6 +178,7 @@ def new_scan(
         requested_by=requester.name,
         all_grasps=all_grasps,
         simulated=simulated,
+        views=views,
     )
 
 

@@ -22,10 +22,12 @@ from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import Method, PointChainModel
 from recognition.model.provenance import Provenance
 from recognition.model.trust import Verdict
+from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
-from recognition.preprocessing.target_cloud import Scene
+from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
+from recognition.stepwise import recognise_after_each_view
 from service.clock import format_utc
 from service.processing.height_map_file import StoredHeightMap, to_npz
 from service.processing.preview import draw_preview
@@ -178,6 +180,7 @@ def recognise_views(
     settings: Mapping[str, float] | None = None,
     all_grasps: bool = False,
     source: Source | None = None,
+    on_check: Callable[[ViewCheck], None] | None = None,
 ) -> Recognition:
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
@@ -192,6 +195,7 @@ def recognise_views(
         settings: Parameter values by name. They replace the values that follow from the radius.
         all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
         source: Scan and hash of the recording, for the provenance of the model.
+        on_check: Receives what is doubtful after each view, from the third on. None: only all views are recognised.
 
     Raises:
         RecognitionError: The radius or the views cannot be used. If too few views can be used, the message also says
@@ -200,9 +204,16 @@ def recognise_views(
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
     stamps: list[float] = []
+
+    def recognise_some(some: Iterable[DepthView], earlier: Recognition | None = None) -> Recognition:
+        return recognise(some, parameters, scene, method, on_stage, gripper, settings, all_grasps, earlier)
+
     try:
-        recognition = recognise(
-            _noting_stamps(views, stamps), parameters, scene, method, on_stage, gripper, settings, all_grasps
+        arriving = _noting_stamps(views, stamps)
+        recognition = (
+            recognise_some(arriving)
+            if on_check is None
+            else recognise_after_each_view(arriving, recognise_some, on_check)
         )
     except InsufficientViewsError as error:
         incomplete = [found.message for found in missing if found.code == "recording-incomplete"]

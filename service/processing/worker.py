@@ -8,7 +8,7 @@ import logging
 import multiprocessing
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -16,6 +16,7 @@ from pathlib import Path
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.process.logging import child_logging_setup
+from recognition.model.view_sufficiency import FIRST_CHECK, ViewCheck
 from service.errors import Failure
 from service.processing.results import OnStage, Outcome
 from service.processing.worker_main import Cancelled, EndOfViews, PreviewEnded, Stage, Task, run_process
@@ -29,6 +30,10 @@ PREVIEW_TIMEOUT_S = 20.0
 """Timeout for drawing the preview."""
 CANCEL_TIMEOUT_S = 2.0
 """Timeout for the process to drop a cancelled task. It is killed after that: it may still process the last views."""
+
+
+OnCheck = Callable[[ViewCheck], None]
+"""Called with what is doubtful after a view."""
 
 
 class TaskFailedError(Exception):
@@ -117,6 +122,7 @@ class RecognitionWorker:
         timeout_s: float,
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
+        on_check: OnCheck | None = None,
     ) -> Outcome:
         """Run one task in the started process and return its outcome.
 
@@ -126,13 +132,14 @@ class RecognitionWorker:
             timeout_s: Timeout for sending each view, and for recognition after the last view.
             views: Views of a running scan, as they are taken. An error that the iteration raises ends the task.
             missing: Missing views. They are read after the last view.
+            on_check: For a task with `check_views`, receives what is doubtful after each view, from the third on.
 
         Raises:
             TaskFailedError: The input was refused, the process died or was killed, or the time is over.
         """
         self._idle = False
         try:
-            message = self._exchange(task, on_stage, timeout_s, views, missing)
+            message = self._exchange(task, on_stage, timeout_s, views, missing, on_check)
         except BaseException:
             if not self._idle:
                 self.kill()  # a late answer would be taken for the answer to the next task
@@ -167,12 +174,24 @@ class RecognitionWorker:
         self._release()
 
     def _exchange(
-        self, task: Task, on_stage: OnStage, timeout_s: float, views: Iterable[View], missing: Sequence[MissingView]
+        self,
+        task: Task,
+        on_stage: OnStage,
+        timeout_s: float,
+        views: Iterable[View],
+        missing: Sequence[MissingView],
+        on_check: OnCheck | None,
     ) -> Outcome | Failure:
         self._send(task, timeout_s)
         if not isinstance(task.source, Path):
-            for view in self._cancel_on_error(views):
+            for number, view in enumerate(self._cancel_on_error(views), 1):
                 self._send(view, timeout_s)
+                if on_check is not None and number >= FIRST_CHECK:
+                    checked = self._receive(time.monotonic() + timeout_s)
+                    if isinstance(checked, Failure):
+                        return checked
+                    assert isinstance(checked, ViewCheck)
+                    on_check(checked)
             self._send(EndOfViews(tuple(missing)), timeout_s)
         deadline = time.monotonic() + timeout_s
         while True:

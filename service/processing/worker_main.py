@@ -4,7 +4,7 @@ import logging
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,6 +20,7 @@ from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from recognition.model.findings import Finding, finding
 from recognition.model.model import Method, PointChainModel
+from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS, Failure
@@ -69,6 +70,8 @@ class Task:
     """Id of the scan, for the log and for the provenance of the model."""
     recording_sha256: str | None = None
     """SHA-256 of the recording, for the provenance. None: the recording is in progress."""
+    check_views: bool = False
+    """Whether the views so far are recognised when a view arrives, to find out whether they suffice."""
 
 
 @dataclass(frozen=True)
@@ -190,11 +193,18 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
         assert isinstance(message, EndOfViews)
         missing.extend(finding("view-missing", view.message, view=view.index) for view in message.missing)
 
+    if task.check_views:
+        return _recognise_views(task, receive_views(), task.source, missing, None, pipe.send)
     return _recognise_views(task, receive_views(), task.source, missing, on_stage)
 
 
 def _recognise_views(
-    task: Task, views: Iterable[View], header: RecordingHeader, missing: Sequence[Finding], on_stage: OnStage
+    task: Task,
+    views: Iterable[View],
+    header: RecordingHeader,
+    missing: Sequence[Finding],
+    on_stage: OnStage | None,
+    on_check: Callable[[ViewCheck], None] | None = None,
 ) -> Recognition:
     return recognise_views(
         views,
@@ -206,6 +216,7 @@ def _recognise_views(
         task.gripper,
         all_grasps=task.all_grasps,
         source=Source(task.scan, task.recording_sha256),
+        on_check=on_check,
     )
 
 

@@ -157,11 +157,15 @@ ALTER TABLE views ADD COLUMN move_s DOUBLE PRECISION;
 ALTER TABLE views ADD COLUMN settle_s DOUBLE PRECISION;
 ALTER TABLE views ADD COLUMN exposure_s DOUBLE PRECISION;
 """,
+    """
+ALTER TABLE scans ADD COLUMN views;
+""",
 )
 """Scripts that create the tables and migrate them. The database's `user_version` is the number of scripts applied.
 
 The eighth script renames members of JSON documents as text. A quote inside a JSON string is escaped, so `"name":` is
 always the name of a member. The ninth gives the summaries of earlier scans a verdict. Their models have the schema
-`pointchain/1`, whose messages have no codes, so the verdict is `review`.
+`pointchain/1`, whose messages have no codes, so the verdict is `review`. The column `views` of `scans` has no type,
+because it is a number or text.
 """
 VERSION = len(MIGRATIONS)

@@ -5,6 +5,7 @@ import sqlite3
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from cell.config.scan_views import Views
 from recognition.model.model import Method
 from service.errors import Failure
 from service.states import ScanState, ViewState
@@ -64,6 +65,8 @@ class ScanRow:
     """Whether the arm or the camera is simulated; None if not known."""
     timing: dict[str, Any] | None = None
     """Durations of the parts of the scan apart from its views, seconds, as JSON."""
+    views: Views | None = None
+    """Number of viewpoints of a live scan, or `auto`; None if not known."""
 
 
 @dataclass(frozen=True)

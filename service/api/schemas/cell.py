@@ -3,7 +3,7 @@
 import math
 import time
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -13,7 +13,7 @@ from cell.devices import RobotMode, SafetyMode
 from cell.planning.viewpoints import ViewpointPlan
 from service.api.schemas.base import ApiModel
 from service.api.schemas.calibration import CellWarning
-from service.api.schemas.scans import WHOLE_NUMBER
+from service.api.schemas.scans import ViewChoice
 
 Matrix = list[list[float]]
 MAX_STATE_AGE_S = 3.0
@@ -128,7 +128,7 @@ def viewpoints_resource(plan: ViewpointPlan) -> ViewpointsResource:
 class PlanRequest(ApiModel):
     """Number of viewpoints to plan. Null means as configured."""
 
-    views: Annotated[int, Field(ge=2, le=32), WHOLE_NUMBER] | None = None
+    views: ViewChoice | None = None
 
 
 def cell_resource(

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.arm_config import ArmModelName
+from cell.config.cell_config import ScanViews
 from cell.config.gripper_config import GripperSettings
 from cell.kinematics.collision import collision_model
 from cell.kinematics.ur_kinematics import ALPHA_RAD, ARMS
@@ -51,7 +52,8 @@ class CameraIntrinsics(ApiModel):
 class ScanDefaults(ApiModel):
     """Defaults and limits of a live scan."""
 
-    views: int
+    views: ScanViews
+    """Number of viewpoints, or "auto"."""
     min_views: int
     """A scan with fewer views fails."""
     string_radius_m: float | None

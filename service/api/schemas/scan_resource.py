@@ -30,6 +30,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         method=row.method,
         string_radius_m=row.string_radius_m,
         all_grasps=row.all_grasps,
+        views=row.views,
         state=row.state,
         final=row.state not in ACTIVE_STATES,
         progress=ScanProgress(

@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
+from cell.config.cell_config import ScanViews
+from cell.config.scan_views import LEAST_VIEWS, MOST_VIEWS
 from recognition.model.document import FindingDocument
 from recognition.model.model import Method
 from recognition.model.trust import Verdict
@@ -39,6 +41,16 @@ WHOLE_NUMBER = BeforeValidator(_to_whole_number)
 """Validator of whole numbers in JSON. It accepts 3.0, but neither "3" nor true."""
 
 
+def _refuse_text(value: Any) -> Any:
+    if isinstance(value, str) and value != "auto":
+        raise ValueError(f'a whole number from {LEAST_VIEWS} to {MOST_VIEWS} or "auto" is needed')
+    return value
+
+
+ViewChoice = Annotated[ScanViews, BeforeValidator(_refuse_text)]
+"""Number of viewpoints as a JSON number, or "auto"."""
+
+
 class _Request(ApiModel):
     model_config = ConfigDict(extra="forbid")
 
@@ -62,8 +74,9 @@ class LiveScanRequest(_Request):
     """A scan by the cell's arm and camera."""
 
     mode: Literal["live"]
-    views: Annotated[int, Field(ge=2, le=32), WHOLE_NUMBER] | None = None
-    """Number of viewpoints. Null means as configured."""
+    views: ViewChoice | None = None
+    """Number of viewpoints, or "auto": one ring of four viewpoints, and four more only if something is doubtful. Null
+    means as configured."""
 
 
 class ReprocessRequest(ApiModel):
@@ -230,6 +243,8 @@ class ScanResource(ApiModel):
     """The radius that recognition uses. Null if it is measured."""
     all_grasps: bool
     """Whether the model also has the grasps on parts of strings with a doubt."""
+    views: ScanViews | None
+    """Number of viewpoints of a live scan, or "auto". Null for a replay."""
     state: ScanState
     final: bool
     """True: the scan has ended, and its state does not change any more."""

@@ -4,17 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
+from cell.config.scan_views import Views, parse_views
 from service.cli.options import (
     Commands,
     add_all_grasps_option,
     add_config_option,
     add_json_option,
     add_method_option,
-    whole_number,
 )
-
-MIN_VIEWS, MAX_VIEWS = 2, 32
-"""Limits of --views: those of `cell.config.cell_config.ScanSettings`, which is not imported for --help."""
 
 
 def add_cell_commands(commands: Commands) -> None:
@@ -61,8 +58,19 @@ def add_cell_commands(commands: Commands) -> None:
 
 
 def _add_views_option(parser: argparse.ArgumentParser) -> None:
-    views = whole_number(MIN_VIEWS, MAX_VIEWS, "views")
-    parser.add_argument("--views", type=views, metavar="N", help="number of viewpoints (the configured one)")
+    parser.add_argument(
+        "--views",
+        type=_views,
+        metavar="N",
+        help="number of viewpoints, or auto: four, and four more only if something is doubtful (as configured)",
+    )
+
+
+def _views(text: str) -> Views:
+    try:
+        return parse_views(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: {error}") from error
 
 
 def _scan(options: argparse.Namespace) -> int:

@@ -7,16 +7,20 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from cell.config.cell_config import CellSettings
+from cell.config.scan_views import Views
+from cell.control.background_scan import BackgroundScan
 from cell.control.cell import Cell
 from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
+from recognition.model.view_sufficiency import ViewCheck
 from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
@@ -38,8 +42,8 @@ class ScanOptions:
     """Radius of the strings. None: the configured one, or else it is measured."""
     method: Method = "graph"
     """Method of recognition."""
-    views: int | None = None
-    """Number of viewpoints. None: the configured number."""
+    views: Views | None = None
+    """Number of viewpoints or `auto`. None: the configured value."""
     all_grasps: bool = False
     """Whether the model also has the grasps on parts of strings with a doubt."""
     gripper: Gripper = field(default_factory=Gripper)
@@ -91,17 +95,33 @@ def take_scan(
         header = replace(prepared.header, string_radius_m=radius)
         results = Path(folder) / "results"
         preview = Path(folder) / PREVIEW
-        task = Task(header, radius, options.method, options.gripper, results, preview, all_grasps=options.all_grasps)
+        task = Task(
+            header,
+            radius,
+            options.method,
+            options.gripper,
+            results,
+            preview,
+            all_grasps=options.all_grasps,
+            check_views=prepared.may_end_after is not None,
+        )
         with (
             RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
             cell.run(prepared, writer, progress) as views,
         ):
-            worker.run(task, lambda _: None, options.timeout_s, views, views.missing)
+            on_check = partial(_decide, views, report) if task.check_views else None
+            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, on_check)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     if recording is not None:
         model["provenance"]["recording_sha256"] = hash_file(recording)
     return model
+
+
+def _decide(views: BackgroundScan, report: Report, check: ViewCheck) -> None:
+    views.early_end.decide(check.views, check.suffices)
+    if check.suffices:
+        report(f"{check.views} views suffice")
 
 
 def run_scan(settings: CellSettings, options: ScanOptions) -> int:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cell.config.scan_views import Views
 from cell.control.active_calibration import file_in_use, hand_eye_in_use
 from cell.control.cell import Cell
 from cell.errors import CellError
@@ -13,12 +14,12 @@ from cell.planning.viewpoints import ViewpointPlan, require_enough
 from service.config.loader import ConfigError, load_config
 
 
-def plan_viewpoints(config_file: Path | None, views: int | None, picture: Path | None, as_json: bool) -> int:
+def plan_viewpoints(config_file: Path | None, views: Views | None, picture: Path | None, as_json: bool) -> int:
     """Plan the viewpoints of the configured cell from its home posture, and print them.
 
     Args:
         config_file: Configuration of the cell. None: the default one.
-        views: Number of viewpoints. None: the configured number.
+        views: Number of viewpoints or `auto`. None: the configured value.
         picture: PNG file to write. None: no picture.
         as_json: Print JSON instead of a table.
 

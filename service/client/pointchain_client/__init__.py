@@ -62,7 +62,7 @@ from pointchain_client.errors import (
     UnansweredError,
     UnreachableError,
 )
-from pointchain_client.flows import Method
+from pointchain_client.flows import Method, Views
 from pointchain_client.progress import ScanProgress
 
 __all__ = [
@@ -121,4 +121,5 @@ __all__ = [
     "ViewProgress",
     "ViewQuality",
     "Viewpoints",
+    "Views",
 ]

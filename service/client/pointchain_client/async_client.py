@@ -16,7 +16,7 @@ from pointchain_client.documents.cell import Cell, ScanValidation
 from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
-from pointchain_client.flows import Method, ScanRef
+from pointchain_client.flows import Method, ScanRef, Views
 from pointchain_client.progress import ScanProgress
 from pointchain_client.retry import CONNECT_TIMEOUT_S
 from pointchain_client.steps import CloseEvents, Flow, NextEvent, OpenEvents, Pause, Request, RunningFlow
@@ -87,7 +87,7 @@ class AsyncClient:
         self,
         string_radius_m: float | None = None,
         method: Method = "graph",
-        views: int | None = None,
+        views: Views | None = None,
         all_grasps: bool = False,
         on_progress: Callable[[ScanProgress], object] | None = None,
         timeout_s: float | None = None,

@@ -19,7 +19,7 @@ from pointchain_client.documents.cell import Cell, ScanValidation
 from pointchain_client.documents.grasps import GraspList, HeightMap
 from pointchain_client.documents.model import Changes, Model
 from pointchain_client.documents.scans import Recording, Scan
-from pointchain_client.flows import Method, ScanRef
+from pointchain_client.flows import Method, ScanRef, Views
 from pointchain_client.progress import ScanProgress
 from pointchain_client.retry import CONNECT_TIMEOUT_S
 from pointchain_client.steps import CloseEvents, Flow, NextEvent, OpenEvents, Pause, Request, RunningFlow
@@ -84,7 +84,7 @@ class Client:
         self,
         string_radius_m: float | None = None,
         method: Method = "graph",
-        views: int | None = None,
+        views: Views | None = None,
         all_grasps: bool = False,
         on_progress: Callable[[ScanProgress], object] | None = None,
         timeout_s: float | None = None,
@@ -96,7 +96,8 @@ class Client:
         Args:
             string_radius_m: Radius of the string, metres. None: the radius of the cell's configuration, or measured.
             method: Recognition method.
-            views: Number of viewpoints. None: as configured.
+            views: Number of viewpoints, or `auto`: four, and four more only if something is doubtful. None: as
+                configured.
             all_grasps: Whether the model also has the grasps on parts of strings with a doubt.
             on_progress: Called with each change of the scan.
             timeout_s: Time limit, seconds. None: no limit.

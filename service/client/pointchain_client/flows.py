@@ -34,6 +34,7 @@ from pointchain_client.retry import RETRYABLE_ERRORS, RetryPolicy
 from pointchain_client.steps import CloseEvents, Flow, NextEvent, OpenEvents, Pause, Request
 
 Method: TypeAlias = Literal["matching", "enhanced", "graph"]
+Views: TypeAlias = int | Literal["auto"]
 """Name of a method. `matching` and `enhanced` are the methods of the paper."""
 ScanRef: TypeAlias = Scan | Model | str
 """A scan, its model, or its id."""
@@ -53,7 +54,7 @@ CELL = "/api/cell"
 
 
 def live_request(
-    string_radius_m: float | None, method: Method, views: int | None, all_grasps: bool
+    string_radius_m: float | None, method: Method, views: Views | None, all_grasps: bool
 ) -> Mapping[str, Any]:
     """Return the body of the request for a live scan."""
     return {

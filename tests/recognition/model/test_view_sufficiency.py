@@ -65,7 +65,8 @@ def test_a_first_model_is_not_certain() -> None:
 
 def test_an_unobserved_end_with_a_finding_is_named_once() -> None:
     found = finding("end-unobserved", "the end at (0.2, 0, 0) is hidden", chains=[0])
-    assert find_doubts(model(found, chains=(replace(STRING, ends=("free", "unobserved")),)), model()) == (found.message,)
+    now = model(found, chains=(replace(STRING, ends=("free", "unobserved")),))
+    assert find_doubts(now, model()) == (found.message,)
 
 
 def test_three_views_never_suffice() -> None:

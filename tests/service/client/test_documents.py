@@ -89,10 +89,14 @@ def assert_same_type(hint: Any, member: Mapping[str, Any], where: str) -> None:
     options = member.get("anyOf", [member])
     others = [option for option in options if option.get("type") != "null"]
     is_optional = len(others) < len(options)
-    if NoneType in get_args(hint):
-        (hint,) = (argument for argument in get_args(hint) if argument is not NoneType)
-    else:
-        assert not is_optional, f"{where} may be null"
+    hints = [argument for argument in (get_args(hint) or [hint]) if argument is not NoneType]
+    hints = hints if NoneType in get_args(hint) else [hint]
+    assert NoneType in get_args(hint) or not is_optional, f"{where} may be null"
+    if len(hints) > 1:
+        for one, other in zip(hints, others, strict=True):
+            assert_same_type(one, other, where)
+        return
+    (hint,) = hints
     if hint is Any or len(others) > 1 or "oneOf" in others[0]:
         return
     schema = others[0]

@@ -159,8 +159,15 @@ def _array_decoder(dtype: "np.dtype[Any]", shape: ArrayShape) -> Decoder:
 
 
 def _union_decoder(arguments: tuple[Any, ...]) -> Decoder:
-    """Return the decoder of `X | None`, or of dataclasses of which all but the last have a `KIND`."""
+    """Return the decoder of `X | None`, of `int | str`, or of dataclasses of which all but the last have a `KIND`."""
     kinds = [argument for argument in arguments if argument is not NoneType]
+    if int in kinds and str in kinds:
+        decode_text, decode_integer = _decoder(str), _decoder(int)
+        return lambda value, member: (
+            None
+            if value is None and NoneType in arguments
+            else (decode_text if isinstance(value, str) else decode_integer)(value, member)
+        )
     by_name = {kind.KIND: _decoder(kind) for kind in kinds[:-1]}
     other = _decoder(kinds[-1])
 

@@ -170,6 +170,8 @@ class Scan:
     """Radius that recognition uses, metres. None if it is measured."""
     all_grasps: bool
     """Whether the model also has the grasps on parts of strings with a doubt."""
+    views: int | str | None
+    """Number of viewpoints of a live scan, or `auto`. None for a replay."""
     state: ScanState
     """State of the scan."""
     final: bool
