@@ -2,7 +2,7 @@
 
 import threading
 
-DECISION_TIMEOUT_S = 3.0
+DECISION_TIMEOUT_S = 10.0
 """Longest time that the arm waits for a decision at a viewpoint. Without one, the scan goes on."""
 
 

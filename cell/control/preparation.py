@@ -4,7 +4,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ class Preparation:
             hand_eye,
             requested_at,
             scan.min_views,
-            self._recording_header(hand_eye, connected),
+            replace(self._recording_header(hand_eye, connected), views_as_needed=scan.views == "auto"),
             connect_s=connected_at - started_at,
             plan_s=planned_at - connected_at,
             may_end_after=max(scan.min_views, LEAST_VIEWS) if scan.views == "auto" else None,

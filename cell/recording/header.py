@@ -19,7 +19,7 @@ REACH_M = 100.0
 """Largest distance of camera, table or workspace."""
 PROVENANCE_BYTES = 32 << 10
 """Largest provenance, names and values together."""
-_OWN = ("format", "depth_unit_m", "string_radius_m", "table_z_m", "workspace_m", "simulated")
+_OWN = ("format", "depth_unit_m", "string_radius_m", "table_z_m", "workspace_m", "simulated", "views_as_needed")
 
 Box = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 
@@ -44,6 +44,8 @@ class RecordingHeader:
     """Box ((x0, x1), (y0, y1), (z0, z1)) in the base frame, metres. None means no limit."""
     simulated: bool | None = None
     """Whether the arm or the camera was simulated, or None if not known."""
+    views_as_needed: bool = False
+    """Whether the scan left viewpoints out that were not needed, so that gaps in the indices are no loss."""
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Further metadata, for example camera, robot or seed; at most 32 KiB."""
 
@@ -86,6 +88,8 @@ def to_metadata(header: RecordingHeader) -> dict[str, str]:
         fields["workspace_m"] = json.dumps(header.workspace_m)
     if header.simulated is not None:
         fields["simulated"] = json.dumps(header.simulated)
+    if header.views_as_needed:
+        fields["views_as_needed"] = json.dumps(True)
     return fields | dict(header.provenance)
 
 
@@ -122,6 +126,7 @@ def parse_header(metadata: Mapping[str, str], hand_eye: bytes) -> RecordingHeade
         workspace_m=None if workspace is None else _workspace(workspace),
         T_flange_camera=document["T_flange_camera"],
         simulated=_flag("simulated", metadata.get("simulated")),
+        views_as_needed=bool(_flag("views_as_needed", metadata.get("views_as_needed"))),
         provenance={key: value for key, value in metadata.items() if key not in _OWN},
     )
 

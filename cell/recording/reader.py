@@ -61,6 +61,8 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
     missing = contents.not_taken
     for index in range(max(contents.views, default=-1) + 1):
         parts = contents.views.get(index)
+        if parts is None and header.views_as_needed:
+            continue
         view = view_of(index, parts, header)
         if view is None:
             missing.append(f"view {index} {_lacking(parts)}")

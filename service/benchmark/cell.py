@@ -17,6 +17,7 @@ import numpy as np
 from cell.arm.ur_arm import UrArm
 from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
+from cell.config.scan_views import Views
 from cell.control.cell import Cell
 from cell.errors import StoppedError
 from cell.recording import read_recording
@@ -46,6 +47,8 @@ SEED = 1
 class CellTimes:
     """Times in seconds, except for the share and the count."""
 
+    model_s: float
+    """From the first move until the model is stored, with eight views."""
     scan_s: float
     """From the first move until the arm is home, with eight views."""
     motion_s: float
@@ -57,6 +60,12 @@ class CellTimes:
     model_after_last_frame_s: float
     """From the end of the last exposure until the result is stored."""
     planning_s: float
+    auto_views: float
+    """Number of views with `auto`."""
+    auto_model_s: float
+    """From the first move until the model is stored, with `auto`."""
+    auto_scan_s: float
+    """From the first move until the arm is home, with `auto`."""
     stops: int
     stop_wire_p50_s: float
     """From the request for a stop until the controller receives it."""
@@ -74,9 +83,10 @@ def measure_cell(report: Callable[[str], None]) -> CellTimes:
     Returns:
         The medians of the scans, and the times of the stops.
     """
-    scans = _scans(report)
-    stops = _stops(report)
-    return CellTimes(**{name: median(scan[name] for scan in scans) for name in scans[0]}, **stops)
+    scans, quick_scans = _scans(report)
+    medians = {name: median(scan[name] for scan in scans) for name in scans[0] if name != "views"}
+    quick = {name: median(scan[name] for scan in quick_scans) for name in ("views", "model_s", "scan_s")}
+    return CellTimes(**medians, **{f"auto_{name}": value for name, value in quick.items()}, **_stops(report))
 
 
 def cell_table(times: CellTimes) -> str:
@@ -84,12 +94,15 @@ def cell_table(times: CellTimes) -> str:
     return table(
         ("live scan of the simulated cell, eight views", ""),
         [
+            ("from the first move to the stored model", f"{times.model_s:.1f} s"),
             ("from the first move until the arm is home", f"{times.scan_s:.1f} s"),
             ("arm in motion", f"{times.motion_s:.1f} s"),
             ("camera exposing", f"{times.exposure_s:.1f} s"),
             ("overhead, the rest", f"{times.overhead:.1%}"),
             ("from the last frame to the stored result", f"{times.model_after_last_frame_s:.2f} s"),
             ("planning", f"{times.planning_s:.2f} s"),
+            (f"`auto`, {times.auto_views:.0f} views: to the stored model", f"{times.auto_model_s:.1f} s"),
+            ("`auto`: until the arm is home", f"{times.auto_scan_s:.1f} s"),
             (
                 f"stop to the controller, 50 % and 99 % of {times.stops}",
                 f"{times.stop_wire_p50_s * 1000:.0f} ms, {times.stop_wire_p99_s * 1000:.0f} ms",
@@ -99,18 +112,22 @@ def cell_table(times: CellTimes) -> str:
     )
 
 
-def _scans(report: Callable[[str], None]) -> list[dict[str, float]]:
+def _scans(report: Callable[[str], None]) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
+    """Return the times of the scans with eight views, and of those with `auto`."""
     settings = CellSettings()
     with tempfile.TemporaryDirectory(prefix="pointchain-") as root:
         folder = DataFolder(Path(root))
         store, cell = Store(folder), Cell(settings)
         jobs = Jobs(store, cell, LimitsConfig().recognition_s, Gripper())
         try:
-            timed = []
-            for number in range(SCANS + 1):
-                report(f"cell: live scan {number} of {SCANS}" if number else "cell: first live scan, which connects")
-                timed.append(_scan(store, cell, jobs))
-            return timed[1:]
+            report("cell: first live scan, which connects")
+            _scan(store, cell, jobs)
+            timed: dict[Views, list[dict[str, float]]] = {8: [], "auto": []}
+            for number in range(1, SCANS + 1):
+                for views, times in timed.items():
+                    report(f"cell: live scan {number} of {SCANS} with {views} views")
+                    times.append(_scan(store, cell, jobs, views))
+            return timed[8], timed["auto"]
         finally:
             jobs.close()
             cell.close()
@@ -118,8 +135,8 @@ def _scans(report: Callable[[str], None]) -> list[dict[str, float]]:
             folder.close()
 
 
-def _scan(store: Store, cell: Cell, jobs: Jobs) -> dict[str, float]:
-    accepted = jobs.submit.live(None, "graph", RADIUS_M, time.monotonic())
+def _scan(store: Store, cell: Cell, jobs: Jobs, views: Views = 8) -> dict[str, float]:
+    accepted = jobs.submit.live(views, "graph", RADIUS_M, time.monotonic())
     while (scan := _row(store, accepted)).state in ACTIVE_STATES:
         time.sleep(0.01)
     if scan.state != "succeeded":
@@ -147,6 +164,7 @@ def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
     admin.close()
     starts = [event["stamp_s"] for event in events if event["kind"] == "motion_start"]
     ends = [event["stamp_s"] for event in events if event["kind"] == "motion_done"]
+    ended_s = datetime.fromisoformat(scan.ended_at).timestamp() - wall_s
     scan_s = ends[-1] - starts[0]
     motion_s = sum(end - start for start, end in zip(starts, ends, strict=True))
     views = read_recording(store.folder.recording(scan.id)).views
@@ -155,6 +173,8 @@ def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
     plan = cell.status.plan
     assert plan is not None
     return {
+        "views": len(views),
+        "model_s": ended_s - starts[0],
         "scan_s": scan_s,
         "motion_s": motion_s,
         "exposure_s": exposure_s,

@@ -14,6 +14,7 @@ import pytest
 from cell.config.arm_config import SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings, HandEyeSettings
+from cell.control import early_end
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
 from cell.control.progress import BoardObservation, ViewTiming
@@ -256,6 +257,46 @@ def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path)
     # The arm is at home, and the cell is ready.
     np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
     assert cell.status.state == "ready"
+
+
+@pytest.mark.parametrize("ending", ["after four views", "without an answer"])
+def test_a_scan_ends_after_the_first_ring_if_its_views_suffice(
+    cell: Cell, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(early_end, "DECISION_TIMEOUT_S", 0.1)
+    prepared = cell.prepare_scan("auto", time.monotonic())
+    assert prepared.may_end_after == 4
+    with (
+        RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+        cell.run(prepared, writer, RecordingListener()) as views,
+    ):
+        taken = []
+        for view in views:
+            taken.append(view.index)
+            if ending == "after four views":
+                views.early_end.decide(len(taken), enough=len(taken) >= 2)  # two views are not enough
+    order = [leg.view for leg in prepared.plan.legs if leg.view is not None]
+    assert taken == (order[:4] if ending == "after four views" else order)
+    assert set(prepared.plan.first) == set(order[:4])
+    np.testing.assert_allclose(controller_q(cell), prepared.plan.home_q_rad, atol=2e-3)
+    assert cell.status.state == "ready"
+
+
+def test_a_caller_that_fails_while_the_arm_waits_ends_the_scan(cell: Cell, tmp_path: Path) -> None:
+    prepared = cell.prepare_scan("auto", time.monotonic())
+
+    def fail() -> None:
+        with (
+            RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+            cell.run(prepared, writer, RecordingListener()) as views,
+        ):
+            for number, _ in enumerate(views, 1):
+                if number == 4:
+                    raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert len(read_recording(tmp_path / "scan.mcap").views) == 4
 
 
 def controller_q(cell: Cell) -> np.ndarray:

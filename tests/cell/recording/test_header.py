@@ -33,6 +33,15 @@ def test_every_field_is_read_exactly() -> None:
     assert got.provenance == {"camera": "made", "seed": "3"}
 
 
+@pytest.mark.parametrize(("as_needed", "text"), [(True, "true"), (False, None)])
+def test_the_header_says_whether_viewpoints_were_left_out(as_needed: bool, text: str | None) -> None:
+    header = replace(HEADER, views_as_needed=as_needed)
+    assert to_metadata(header).get("views_as_needed") == text
+    assert parse_header(to_metadata(header), HAND_EYE).views_as_needed is as_needed
+    with pytest.raises(RecordingHeaderError, match="views_as_needed is '1'"):
+        parse_header(METADATA | {"views_as_needed": "1"}, HAND_EYE)
+
+
 @pytest.mark.parametrize(("simulated", "text"), [(True, "true"), (False, "false"), (None, None)])
 def test_the_header_says_whether_the_cell_was_simulated(simulated: bool | None, text: str | None) -> None:
     header = replace(HEADER, simulated=simulated)

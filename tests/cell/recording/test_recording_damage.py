@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,15 @@ def test_an_interrupted_scan_is_reported(tmp_path: Path) -> None:
         "the recording is cut off: it has 2 complete views, and anything after view 2 is lost; copy the file again, "
         "or scan again (the file has no end record)",
     )
+
+
+def test_viewpoints_that_were_not_needed_are_not_missing(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "scan.mcap", replace(HEADER, views_as_needed=True)) as writer:
+        for index in (1, 3):
+            writer.write_view(make_view(index))
+    recording = read_recording(tmp_path / "scan.mcap")
+    assert [view.index for view in recording.views] == [1, 3]
+    assert recording.missing == ()
 
 
 @contextmanager

@@ -34,6 +34,22 @@ def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -
     wait_until_drawn(page)
 
 
+def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, cell: Cell) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    viewpoints = page.get_by_role("textbox", name="Viewpoints")
+    expect(viewpoints).to_be_visible()
+    page.get_by_label("Quick: four viewpoints").check()
+    expect(viewpoints).to_have_count(0)
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    with page.expect_request("**/api/scans") as request:
+        page.get_by_role("button", name="Scan: the arm will move").click()
+    assert (request.value.post_data_json or {})["views"] == "auto"
+    last = page.get_by_role("region", name="The last scan")
+    expect(last).to_contain_text("1 string, 1 crossing")
+    expect(last.get_by_role("img")).to_have_count(4)
+    expect(page.get_by_label("Quick: four viewpoints")).to_be_checked()  # kept for the next scan
+
+
 def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     scan = page.get_by_role("button", name="Scan: the arm will move")

@@ -90,6 +90,23 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
     assert replayed == model
 
 
+def test_a_quick_scan_of_a_clear_table_takes_four_views(cell: LiveCell, finished: Finished) -> None:
+    scan = finished(cell.client, cell.start(views="auto"))
+    assert (scan["state"], scan["views"]) == ("succeeded", "auto")
+    assert scan["progress"]["fraction"] == 1.0
+    states = {view["index"]: view["state"] for view in scan["progress"]["views"]}
+    assert len(states) == 4
+    assert set(states.values()) == {"recorded"}
+    assert set(states) == {1, 3, 5, 7}
+    assert scan["summary"]["verdict"] == "accept"
+    model = cell.client.get(scan["links"]["model"]).json()
+    assert [len(model["chains"]), len(model["crossings"])] == [1, 1]
+    assert {view["index"] for view in model["quality"]["views"]} == set(states)
+    assert "more-views-needed" not in {found["code"] for found in model["quality"]["findings"]}
+    assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] == 4
+    assert cell.client.get(f"/api/recordings/{scan['recording']}").json()["missing"] == []
+
+
 def test_a_scan_says_how_long_its_parts_took(cell: LiveCell, finished: Finished) -> None:
     wait_until(lambda: cell.state()["state"] != "busy")
     cell.is_well()

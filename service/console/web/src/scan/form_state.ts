@@ -13,4 +13,6 @@ export const form = {
   radius: signal(""),
   /** Number of viewpoints, as entered. */
   views: signal(""),
+  /** Whether the scan takes as many views as needed, in place of that number. */
+  quick: signal(false),
 };

@@ -56,7 +56,7 @@ function activityText(scan: Scan): string {
   const { views } = scan.progress;
   const missing = views.filter((view) => view.state === "missing").length;
   const number = Math.max(views.length - missing, 1);
-  const total = cell.value?.viewpoints?.reachable;
+  const total = scan.views === "auto" ? undefined : cell.value?.viewpoints?.reachable;
   const moving = views.find((view) => view.state === "moving");
   let text =
     total === undefined ? t("scan.progress.view", { number }) : t("scan.progress.view_of", { number, total });

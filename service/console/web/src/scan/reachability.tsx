@@ -1,5 +1,5 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { api, longCall, resultOf, type Plan } from "../net/api";
+import { api, longCall, resultOf, type Plan, type Scan } from "../net/api";
 import { atWork, cell } from "../state/cell";
 import { geometry } from "../state/geometry";
 import { sentence } from "../texts/sentence";
@@ -9,9 +9,11 @@ import { Hint } from "../ui/hint";
 import type { ViewPose } from "../view3d/scene";
 import { Viewer } from "../viewer/viewer";
 
+type Views = Scan["views"];
+
 /** Which viewpoints the arm can reach, and why not the others, before anything moves. */
-export function Reachability({ views }: { views: number | null }) {
-  const [checked, setChecked] = useState<{ views: number | null; plan: Plan } | null>(null);
+export function Reachability({ views }: { views: Views }) {
+  const [checked, setChecked] = useState<{ views: Views; plan: Plan } | null>(null);
   const [open, setOpen] = useState(false);
   const action = useAction();
 

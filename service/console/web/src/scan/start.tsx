@@ -1,4 +1,4 @@
-import { api, longCall, resultOf } from "../net/api";
+import { api, longCall, resultOf, type Scan } from "../net/api";
 import { calibrating, cell } from "../state/cell";
 import { geometry } from "../state/geometry";
 import { show } from "../state/scans";
@@ -21,13 +21,14 @@ export function Start({ action }: { action: Action }) {
   const recording = form.recording.value;
   const method = form.method.value;
   const radius = parseRadius(form.radius.value);
-  const views = parseNumber(form.views.value, { min: 2, max: 32, whole: true });
+  const number = parseNumber(form.quick.value ? "" : form.views.value, { min: 2, max: 32, whole: true });
+  const views: Scan["views"] = form.quick.value ? "auto" : number.value;
   const obstacle = obstacleText(mode, recording);
-  const invalid = radius.fault !== null || (mode === "live" && views.fault !== null);
+  const invalid = radius.fault !== null || (mode === "live" && number.fault !== null);
 
   async function start(): Promise<void> {
     const both = { string_radius_m: radiusMetres(radius), method, all_grasps: false, validate_only: false };
-    const body = mode === "live" ? { ...both, mode, views: views.value } : { ...both, mode, recording: recording ?? "" };
+    const body = mode === "live" ? { ...both, mode, views } : { ...both, mode, recording: recording ?? "" };
     const started = await resultOf(api.POST("/api/scans", { body, ...longCall }));
     if ("links" in started) show(started);
     refreshNow();
@@ -44,16 +45,26 @@ export function Start({ action }: { action: Action }) {
       <div class="row wide">
         <RadiusField number={radius} write={(text) => (form.radius.value = text)} empty={radiusPlaceholder(mode)} />
         <MethodField method={method} choose={(chosen) => (form.method.value = chosen)} />
-        {mode === "live" && (
+        {mode === "live" && !form.quick.value && (
           <NumberField
             label={t("scan.start.viewpoints")}
             hint="viewpoint"
-            number={views}
+            number={number}
             write={(text) => (form.views.value = text)}
             empty={viewsPlaceholder()}
           />
         )}
       </div>
+      {mode === "live" && (
+        <label class="tick">
+          <input
+            type="checkbox"
+            checked={form.quick.value}
+            onChange={(event) => (form.quick.value = event.currentTarget.checked)}
+          />
+          {t("scan.start.quick")}
+        </label>
+      )}
       <p class="small">
         {t("method.described", { name: t(`method.${method}.name`), hint: t(`method.${method}.hint`) })}
       </p>
@@ -69,7 +80,7 @@ export function Start({ action }: { action: Action }) {
       </Act>
       {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
-      {mode === "live" && views.fault === null && <Reachability views={views.value} />}
+      {mode === "live" && number.fault === null && <Reachability views={views} />}
       {mode === "live" && <Connection />}
     </section>
   );
