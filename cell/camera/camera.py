@@ -130,7 +130,7 @@ class LiveCamera:
         self._make_driver = self._device_id = None
 
     def _capture(self, after_s: float, with_image: bool) -> Frame:
-        count, fps = self.settings.exposures, self.settings.fps
+        count, fps = self.settings.exposures, self.settings.frame_rate
         silence_s = SILENCE_S + 2 / fps
         # Three times the nominal duration: frames get lost on a poor link.
         patience_s = SILENCE_S + 3 * (count + 1) / fps

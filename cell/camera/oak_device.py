@@ -171,13 +171,14 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
     pipeline.setAutoCalibrationMode(dai.Pipeline.AutoCalibrationMode.OFF)
     pipeline.setStopOnDeviceLoss(True)
     cameras = [
-        pipeline.create(dai.node.Camera).build(socket, sensorFps=settings.fps)
+        pipeline.create(dai.node.Camera).build(socket, sensorFps=settings.frame_rate)
         for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C)
     ]
     if settings.exposure_us is not None:
         for camera in cameras:
             camera.initialControl.setManualExposure(settings.exposure_us, settings.iso)
-    left, right = (camera.requestOutput((settings.width, settings.height), fps=settings.fps) for camera in cameras)
+    size = settings.width, settings.height
+    left, right = (camera.requestOutput(size, fps=settings.frame_rate) for camera in cameras)
     depth, rectified = _depth_output(pipeline, device, left, right, settings)
     gate = _closed_gate(pipeline, rectified)
     queue = depth.createOutputQueue(maxSize=1, blocking=False)

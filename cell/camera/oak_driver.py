@@ -27,8 +27,9 @@ SLICE_S = 0.25
 """Period at which a wait for an image checks whether the camera stopped."""
 STEADY_S = 4.0
 """Longest time for the exposure time to settle."""
-STEADY_IMAGES, STEADY_SHARE = 3, 0.05
-"""The exposure has settled when this number of images in a row has the same exposure time within this share."""
+STEADY_FOR_S, STEADY_IMAGES, STEADY_SHARE = 0.2, 3, 0.05
+"""The exposure has settled when all images of this time, at least this number, have the same exposure time within this
+share. The camera's control needs time to react, so that a few images at a high frame rate prove nothing."""
 
 
 class OakDriver:
@@ -159,14 +160,15 @@ def settle_exposure(stream: Stream, settings: CameraSettings) -> tuple[str, ...]
     import depthai as dai
 
     given_us = settings.exposure_us if isinstance(settings, OakCamera) else None
+    needed = max(STEADY_IMAGES, 1 + round(STEADY_FOR_S * settings.frame_rate))
     end = time.monotonic() + STEADY_S
     times_us: list[float] = []
     steady = False
     while not steady and (message := next_message(stream.timing, max(end - time.monotonic(), 0.0))) is not None:
-        times_us = [*times_us[1 - STEADY_IMAGES :], message.getExposureTime() / timedelta(microseconds=1)]
+        times_us = [*times_us[1 - needed :], message.getExposureTime() / timedelta(microseconds=1)]
         goal_us = times_us[-1] if given_us is None else given_us
         alike = all(abs(time_us - goal_us) <= STEADY_SHARE * goal_us for time_us in times_us)
-        steady = alike and len(times_us) == STEADY_IMAGES
+        steady = alike and len(times_us) == needed
         if time.monotonic() > end:
             break
     if given_us is None:

@@ -5,7 +5,14 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from cell.config.camera_optics import CameraName, CameraOptics, OakProduct, oak_optics, simulated_optics
+from cell.config.camera_optics import (
+    CameraName,
+    CameraOptics,
+    OakProduct,
+    oak_max_fps,
+    oak_optics,
+    simulated_optics,
+)
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -36,15 +43,22 @@ SCENES = (
 """Names of the scenes of a simulated camera, each with its generator in `cell.simulation.scenes`."""
 
 
+MAX_FPS = 60.0
+"""Largest frame rate that can be configured."""
+DEFAULT_FPS = 30.0
+"""Frame rate without `camera.fps`, if the product reaches it. Its period just exceeds the longest `exposure_us`."""
+
+
 class CameraSettings(StrictSettings):
     """Settings that every kind of camera has."""
 
     # A subclass also adds `kind`, by which a configuration names it.
 
+    # 5 exposures take 0.07 s a view more than 3 at 30 images/s, and drop one more wrong depth of a pixel.
     exposures: int = Field(default=5, ge=1, le=25)
-    """Number of depth images per view. The view is their median."""
-    fps: float = Field(default=10.0, ge=1.0, le=60.0)
-    """Frame rate of the camera."""
+    """Number of depth images per view. Their median is the view: it drops up to 2 wrong depths of a pixel out of 5."""
+    fps: float | None = Field(default=None, ge=1.0, le=MAX_FPS)
+    """Frame rate of the camera. The default is 30, or the limit of the product at its resolution if that is lower."""
     settle_s: float = Field(default=0.1, ge=0.0, le=5.0)
     """Waiting time between the end of a move and the first exposure."""
     working_m: Range | None = None
@@ -56,6 +70,16 @@ class CameraSettings(StrictSettings):
     @abstractmethod
     def optics(self) -> CameraOptics:
         """Nominal optics, with which viewpoints are planned."""
+
+    @property
+    def max_fps(self) -> float:
+        """Largest frame rate of the camera with these settings, images/s."""
+        return MAX_FPS
+
+    @property
+    def frame_rate(self) -> float:
+        """Frame rate of the camera, images/s: `fps`, or its default."""
+        return min(DEFAULT_FPS, self.max_fps) if self.fps is None else self.fps
 
     @property
     @abstractmethod
@@ -154,12 +178,28 @@ class OakCamera(CameraSettings):
             raise ValueError("extended_disparity is set, but an oak-d-sr has none")
         if self.height * 16 > self.width * 10:
             raise ValueError(f"there are no images of {self.width}x{self.height}; at most 10/16 as high as wide")
+        if self.fps is not None and self.fps > self.max_fps:
+            mode = " and extended_disparity" if self.extended_disparity else ""
+            raise ValueError(
+                f"fps is {self.fps:g}, but an {self.product} sends at most {self.max_fps:g} depth images/s with "
+                f"{self.width}x{self.height}{mode}"
+            )
+        if self.exposure_us is not None and self.exposure_us > 1e6 / self.frame_rate:
+            raise ValueError(
+                f"exposure_us is {self.exposure_us}, but there are only {1e6 / self.frame_rate:.0f} microseconds from "
+                f"image to image with fps {self.frame_rate:g}"
+            )
         return self
 
     @property
     def optics(self) -> CameraOptics:
         """Optics by the data sheet of the product."""
         return oak_optics(self.product, self.width, self.height, self.extended_disparity, self.working_m)
+
+    @property
+    def max_fps(self) -> float:
+        """Largest frame rate by the tables of the vendor, images/s."""
+        return min(MAX_FPS, oak_max_fps(self.product, self.width, self.height, self.extended_disparity))
 
     @property
     def device_id(self) -> str | None:

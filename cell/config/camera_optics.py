@@ -1,8 +1,9 @@
-"""Nominal optics of the supported cameras, with which viewpoints are planned.
+"""Facts about the supported cameras: their nominal optics, and the frame rates of the OAK products.
 
-A scan takes the pinhole matrix of each frame instead.
+Viewpoints are planned with the nominal optics. A scan takes the pinhole matrix of each frame instead.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -61,6 +62,25 @@ _STEREO: dict[OakProduct, _Stereo] = {
 degrees, baselines, the 19.6 cm from which the lens of an OV9282 is in focus, and the 95 disparities of the search."""
 
 
+_STEREO_FPS = {
+    "left-right check": (105.0, 55.0),
+    "subpixel": (96.0, 34.0),
+    "extended disparity": (62.0, 26.0),
+}
+"""Depth images/s of an RVC2 at each of `_STEREO_PIXELS`, with the left-right check and the named mode.
+
+Source: https://docs.luxonis.com/projects/api/en/latest/components/nodes/stereo_depth/, section "Stereo depth FPS"
+(luxonis/depthai-python, pull request 527). The vendor measured with a median filter of 5x5, which is off here.
+"""
+_STEREO_PIXELS = 640 * 400, 1280 * 720
+_NEURAL_FPS = 42.0
+"""Depth images/s of the neural stereo matching of an RVC4 with its default model, 480x300.
+
+Source: release notes of depthai 3.2.0, https://github.com/luxonis/depthai-core/releases/tag/v3.2.0. The other stereo
+matching of an RVC4 gives 60 with 1280x800 (https://docs.luxonis.com/hardware/platform/rvc/rvc4).
+"""
+
+
 def simulated_optics(name: CameraName, working_m: Range | None) -> CameraOptics:
     """Return the optics of a simulated camera.
 
@@ -100,6 +120,27 @@ def oak_optics(
     nearest = _MARGIN * near
     farthest = max(float(np.sqrt(_COARSEST_M_PER_PX * focal_baseline)), 1.1 * nearest)
     return CameraOptics(_pinhole(focal_px, width, height), width, height, near, working_m or (nearest, farthest))
+
+
+def oak_max_fps(product: OakProduct, width: int, height: int, extended_disparity: bool) -> float:
+    """Return the largest frame rate of the depth images by the tables of the vendor, whole images/s.
+
+    The time of an image is linear in its pixels, through the two resolutions of the table. The table does not have
+    extended disparity together with subpixel. Subpixel then takes the same time as without extended disparity.
+
+    Args:
+        product: Product name.
+        width: Width of the depth image, pixels.
+        height: Height of the depth image, pixels.
+        extended_disparity: Whether the stereo search is extended.
+    """
+    if product == "oak4-d":
+        return _NEURAL_FPS
+    checked_s, subpixel_s, extended_s = (1 / np.array(fps) for fps in _STEREO_FPS.values())
+    times_s = extended_s + subpixel_s - checked_s if extended_disparity else subpixel_s
+    few, many = _STEREO_PIXELS
+    share = (width * height - few) / (many - few)
+    return float(math.floor(1 / (times_s[0] + share * (times_s[1] - times_s[0]))))
 
 
 def baseline_m(product: OakProduct) -> float:

@@ -106,6 +106,8 @@ In a container, omit the top-level keys `host`, `port` and `data_dir`, and `hand
 - With `arm.kind = "ur"`, `camera.kind` must be given. `"simulated"` is allowed, to rehearse with URSim.
 - The workspace must not contain the base of the arm.
 - `scan.min_views` must not exceed `scan.views`.
+- `camera.fps` of an OAK camera must not exceed the limit of its product, resolution and `extended_disparity`, and
+  `camera.exposure_us` must not be longer than one image takes at that rate.
 """
 
 

@@ -168,8 +168,8 @@ def _times(store: Store, cell: Cell, scan: ScanRow) -> dict[str, float]:
     scan_s = ends[-1] - starts[0]
     motion_s = sum(end - start for start, end in zip(starts, ends, strict=True))
     views = read_recording(store.folder.recording(scan.id)).views
-    exposure_s = len(views) * cell.settings.camera.exposures / cell.settings.camera.fps
-    last_frame_s = max(view.stamp_s for view in views) + 1 / cell.settings.camera.fps
+    exposure_s = len(views) * cell.settings.camera.exposures / cell.settings.camera.frame_rate
+    last_frame_s = max(view.stamp_s for view in views) + 1 / cell.settings.camera.frame_rate
     plan = cell.status.plan
     assert plan is not None
     return {

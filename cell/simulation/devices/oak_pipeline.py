@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 
 EXPOSURE_US = 4000
 """Exposure time at which the simulated automatic exposure settles, microseconds."""
-IDLE_TICKS = 5
-"""While no caller waits for images, only one image in this number of frame periods is rendered."""
+IDLE_PERIOD_S = 0.5
+"""Time between two rendered images while no caller waits for them."""
 STALE_S = 3600.0
 """Age of the images with the fault `stale`, seconds."""
 
@@ -65,7 +65,7 @@ class SimulatedImager:
         """Message with the reason why the camera stopped, or None."""
 
     def set_waiting(self, waiting: bool) -> None:
-        """Set whether a caller waits for images. If not, only one image in `IDLE_TICKS` frame periods is rendered."""
+        """Set whether a caller waits for images. If not, one image is rendered in `IDLE_PERIOD_S`."""
         with self._change:
             self._waiting = waiting
             self._change.notify()
@@ -121,15 +121,15 @@ class SimulatedImager:
             True for the next image. False after `end`.
         """
         with self._change:
-            ticks = 0
+            idle_s = time.monotonic() + IDLE_PERIOD_S
             while not self._ended:
-                late_s = time.monotonic() - self._due_s
+                now_s = time.monotonic()
+                late_s = now_s - self._due_s
                 if late_s < 0:
                     self._change.wait(-late_s)
                     continue
                 self._due_s += self._period_s * (late_s // self._period_s + 1)
-                ticks += 1
-                if self._waiting or ticks >= IDLE_TICKS:
+                if self._waiting or now_s >= idle_s:
                     return True
         return False
 
@@ -159,7 +159,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
             f"the simulated camera cannot read the flange pose from the arm's controller: {error}"
         ) from error
     model = world.camera
-    imager = SimulatedImager(FrameSource(world), pose, settings.fps)
+    imager = SimulatedImager(FrameSource(world), pose, settings.frame_rate)
     # The images are those of the left camera, which is the reference of a stereo pair.
     extrinsics = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     view = dai.ImgTransformation(
