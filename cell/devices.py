@@ -126,6 +126,18 @@ class Frame:
     of the camera of the depth image, so that `K` holds for it too."""
 
 
+@dataclass(frozen=True, eq=False)
+class Burst:
+    """Single exposures of the scene at rest, one after the other."""
+
+    depth: NDArray[np.uint16]
+    """Depth images (N, H, W) along the optical axis in units of `depth_unit_m`; 0 = not measured."""
+    depth_unit_m: float
+    """Metres per depth count."""
+    began_s: NDArray[np.float64]
+    """(N,) start of each exposure, seconds of `time.monotonic()`."""
+
+
 @dataclass(frozen=True)
 class ArmInfo:
     """Identity of a connected arm."""

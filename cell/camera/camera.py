@@ -4,12 +4,12 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 from cell.camera.driver import CameraDriver, Fault
 from cell.camera.frame_averaging import NoFramesError
 from cell.config.camera_config import CameraSettings
-from cell.devices import CameraInfo, Frame
+from cell.devices import Burst, CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.process.child import Child, ChildLostError, NotCalledError
 
@@ -19,6 +19,8 @@ ASK_S = 3.0
 """Timeout of a call that needs no image."""
 SILENCE_S = 2.0
 """Longest time without an image, in addition to the period of the frame rate."""
+
+T = TypeVar("T")
 
 MakeDriver = Callable[[], CameraDriver]
 """Makes the driver. It is called in the child process and must be picklable."""
@@ -84,19 +86,20 @@ class LiveCamera:
             CameraLostError: The camera is lost, also after a new connection.
             BadFrameError: The images show nothing, or none came.
         """
-        if self._make_driver is None:
-            raise CameraLostError("the camera is not connected")
-        try:
-            return self._capture(after_s, with_image)
-        except (CameraLostError, NoFramesError) as error:
-            log.warning("%s; connecting the camera again", error)
-            lost = error
-        try:
-            self._reopen()
-            return self._capture(after_s, with_image)
-        except CameraUnreachableError as error:
-            self._end()
-            raise CameraLostError(f"{lost}. It could not be connected again: {error}") from error
+        return self._with_new_connection(lambda: self._capture(after_s, with_image))
+
+    def burst(self, count: int, after_s: float) -> Burst:
+        """Return single exposures of the scene at rest. A lost or silent camera is connected again once.
+
+        Args:
+            count: Number of exposures.
+            after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+
+        Raises:
+            CameraLostError: The camera is lost, also after a new connection.
+            BadFrameError: The images differ in size, or none came.
+        """
+        return self._with_new_connection(lambda: self._burst(count, after_s))
 
     def info(self) -> CameraInfo:
         """Return the camera's present state.
@@ -129,11 +132,35 @@ class LiveCamera:
         self._end()
         self._make_driver = self._device_id = None
 
-    def _capture(self, after_s: float, with_image: bool) -> Frame:
-        count, fps = self.settings.exposures, self.settings.frame_rate
-        silence_s = SILENCE_S + 2 / fps
+    def _with_new_connection(self, request: Callable[[], T]) -> T:
+        """Return the answer to a request. Connect the camera again, once, if it is lost or silent."""
+        if self._make_driver is None:
+            raise CameraLostError("the camera is not connected")
+        try:
+            return request()
+        except (CameraLostError, NoFramesError) as error:
+            log.warning("%s; connecting the camera again", error)
+            lost = error
+        try:
+            self._reopen()
+            return request()
+        except CameraUnreachableError as error:
+            self._end()
+            raise CameraLostError(f"{lost}. It could not be connected again: {error}") from error
+
+    def _limits_s(self, count: int) -> tuple[float, float]:
+        """Return the longest time without an image, and the longest time until `count` exposures are there."""
+        fps = self.settings.frame_rate
         # Three times the nominal duration: frames get lost on a poor link.
-        patience_s = SILENCE_S + 3 * (count + 1) / fps
+        return SILENCE_S + 2 / fps, SILENCE_S + 3 * (count + 1) / fps
+
+    def _burst(self, count: int, after_s: float) -> Burst:
+        silence_s, patience_s = self._limits_s(count)
+        timeout_s = max(after_s - time.monotonic(), 0.0) + patience_s + ASK_S
+        return self._call("burst", count, after_s, silence_s, patience_s, timeout_s=timeout_s)
+
+    def _capture(self, after_s: float, with_image: bool) -> Frame:
+        silence_s, patience_s = self._limits_s(self.settings.exposures)
         timeout_s = max(after_s - time.monotonic(), 0.0) + (2 if with_image else 1) * patience_s + ASK_S
         return self._call("capture", after_s, silence_s, patience_s, with_image, timeout_s=timeout_s)
 

@@ -2,7 +2,7 @@
 
 from typing import Literal, Protocol
 
-from cell.devices import CameraInfo, Frame
+from cell.devices import Burst, CameraInfo, Frame
 
 Fault = Literal["none", "silent", "zero", "constant", "stale", "lost"]
 """Faults of a simulated camera. `silent` sends nothing; `zero` sends depth without measurements and black images;
@@ -40,6 +40,24 @@ class CameraDriver(Protocol):
             CameraLostError: The link to the camera broke.
             NoFramesError: The camera is silent. Like a lost camera, it is opened again once.
             BadFrameError: The images show nothing, or too few came.
+        """
+        ...
+
+    def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:
+        """Return single exposures, one after the other, without their median.
+
+        A self-test compares them. An image that shows nothing is not an error.
+
+        Args:
+            count: Number of exposures.
+            after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
+            silence_s: Largest time between two images.
+            patience_s: Time after which all exposures must be there.
+
+        Raises:
+            CameraLostError: The link to the camera broke.
+            NoFramesError: The camera is silent. Like a lost camera, it is opened again once.
+            BadFrameError: The images differ in size, or too few came.
         """
         ...
 

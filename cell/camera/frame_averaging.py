@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.devices import Frame
+from cell.devices import Burst, Frame
 from cell.errors import BadFrameError
 
 MIN_MEASURED_SHARE = 0.01
@@ -111,6 +111,32 @@ def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequen
     Raises:
         BadFrameError: The images show nothing, differ in size or matrix, or are no (H, W) arrays of uint16.
     """
+    first = _require_alike(exposures)
+    image = _image(pictures, first) if pictures else None
+    depth = median([exposure.depth for exposure in exposures])
+    _check(depth)
+    # The epoch's clock is read only here. Setting it during a capture does not affect the waiting.
+    began_s = exposures[-1].began_s + time.time() - time.monotonic()
+    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image)
+
+
+def as_burst(exposures: Sequence[Exposure], depth_unit_m: float) -> Burst:
+    """Return exposures of a scene at rest side by side, without combining them.
+
+    Args:
+        exposures: Depth images of one size and matrix.
+        depth_unit_m: Metres per depth count.
+
+    Raises:
+        BadFrameError: The images differ in size or matrix, or are no (H, W) arrays of uint16.
+    """
+    _require_alike(exposures)
+    began_s = np.array([exposure.began_s for exposure in exposures])
+    return Burst(np.stack([exposure.depth for exposure in exposures]), depth_unit_m, began_s)
+
+
+def _require_alike(exposures: Sequence[Exposure]) -> Exposure:
+    """Return the first exposure. Raise BadFrameError unless all are depth images of its size and matrix."""
     first = exposures[0]
     for exposure in exposures:
         if exposure.depth.dtype != np.uint16 or exposure.depth.ndim != 2:
@@ -120,12 +146,7 @@ def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequen
             )
         if exposure.depth.shape != first.depth.shape or not np.array_equal(exposure.K, first.K):
             raise BadFrameError("the camera's resolution or intrinsics changed within one capture: connect it again")
-    image = _image(pictures, first) if pictures else None
-    depth = median([exposure.depth for exposure in exposures])
-    _check(depth)
-    # The epoch's clock is read only here. Setting it during a capture does not affect the waiting.
-    began_s = exposures[-1].began_s + time.time() - time.monotonic()
-    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image)
+    return first
 
 
 def median(depths: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:

@@ -12,10 +12,10 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from cell.camera.driver import Fault
-from cell.camera.frame_averaging import Exposure, Picture, combine, wait_for_exposures
+from cell.camera.frame_averaging import Exposure, Picture, as_burst, combine, wait_for_exposures
 from cell.camera.oak_stream import DEPTH_UNIT_M, Stream, decode, decode_picture, next_message, send
 from cell.config.camera_config import CameraSettings, OakCamera
-from cell.devices import CameraInfo, Frame
+from cell.devices import Burst, CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
 
 if TYPE_CHECKING:
@@ -74,8 +74,7 @@ class OakDriver:
         pictures: list[Picture] = []
         stream.watch(True)
         try:
-            while self._receive(0.0) is not None:
-                pass  # images from before this call
+            self._drop_waiting_images()
             with stream.sending_pictures() if with_image else nullcontext():
                 exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
                 if with_image:
@@ -87,6 +86,17 @@ class OakDriver:
         finally:
             stream.watch(False)
         return combine(exposures, DEPTH_UNIT_M, pictures)
+
+    def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:
+        """Return single exposures, as `CameraDriver.burst` says."""
+        stream = self._running()
+        stream.watch(True)
+        try:
+            self._drop_waiting_images()
+            exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
+        finally:
+            stream.watch(False)
+        return as_burst(exposures, DEPTH_UNIT_M)
 
     def info(self) -> CameraInfo:
         """Return the camera's present state.
@@ -129,6 +139,11 @@ class OakDriver:
         if self._stream is None:
             raise CameraLostError("the camera is not open")
         return self._stream
+
+    def _drop_waiting_images(self) -> None:
+        """Drop the images from before a call."""
+        while self._receive(0.0) is not None:
+            pass
 
     def _receive(self, timeout_s: float) -> Exposure | None:
         message = self._next(self._running().depth, timeout_s)

@@ -127,6 +127,18 @@ def test_a_capture_shows_the_scene_from_the_pose_at_rest(
     assert answered_s - (time.monotonic() - after_s) - 0.01 < frame.stamp_s <= answered_s
 
 
+def test_a_burst_has_every_exposure_also_after_the_process_has_died(camera: LiveCamera, world: SimulatedWorld) -> None:
+    pid, after_s = camera.pid, time.monotonic()
+    assert pid is not None
+    os.kill(pid, signal.SIGKILL)
+    burst = camera.burst(7, after_s)
+    assert camera.pid != pid
+    assert burst.depth.shape == (7, 100, 160)
+    exact = FrameSource(world).render_depth(looking_down(world))
+    assert all(np.array_equal(depth, exact) for depth in burst.depth)
+    assert (burst.began_s > after_s).all()
+
+
 @pytest.mark.parametrize(
     ("fault", "reason"),
     [("zero", "all zero"), ("constant", "same depth at all measured pixels"), ("stale", "its clock is wrong")],

@@ -11,11 +11,11 @@ from typing import Literal
 import numpy as np
 
 from cell.camera.driver import Fault
-from cell.camera.frame_averaging import Exposure, combine
+from cell.camera.frame_averaging import Exposure, as_burst, combine
 from cell.config.camera_config import CameraSettings
 from cell.config.camera_optics import CameraOptics
 from cell.control.equipment import CameraKind
-from cell.devices import CameraInfo, Frame
+from cell.devices import Burst, CameraInfo, Frame
 from cell.errors import CameraLostError, CameraUnreachableError, CellError
 
 K = np.array([[440.0, 0.0, 319.5], [0.0, 440.0, 199.5], [0.0, 0.0, 1.0]])
@@ -62,11 +62,11 @@ class FileDriver:
 
     def capture(self, after_s: float, silence_s: float, patience_s: float, with_image: bool = False) -> Frame:
         """Return the next file as a frame. Raise CameraLostError after the last one."""
-        time.sleep(max(after_s - time.monotonic(), 0.0))
-        if not self._files:
-            raise CameraLostError(f"there are no more images in {self._settings.folder}")
-        depth = np.load(self._files.pop(0))
-        return combine([Exposure(depth, K, time.monotonic())] * self._settings.exposures, DEPTH_UNIT_M)
+        return combine([self._next(after_s)] * self._settings.exposures, DEPTH_UNIT_M)
+
+    def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:
+        """Return the next files. Raise CameraLostError if there are too few."""
+        return as_burst([self._next(after_s) for _ in range(count)], DEPTH_UNIT_M)
 
     def info(self) -> CameraInfo:
         """Describe the camera."""
@@ -89,6 +89,13 @@ class FileDriver:
     def close(self) -> None:
         """Forget the files."""
         self._files = []
+
+    def _next(self, after_s: float) -> Exposure:
+        """Return the next file. Raise CameraLostError after the last one."""
+        time.sleep(max(after_s - time.monotonic(), 0.0))
+        if not self._files:
+            raise CameraLostError(f"there are no more images in {self._settings.folder}")
+        return Exposure(np.load(self._files.pop(0)), K, time.monotonic())
 
 
 KIND = CameraKind(lambda camera, _: partial(FileDriver, camera), open_timeout_s=30.0)
