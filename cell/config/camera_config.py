@@ -56,7 +56,8 @@ class CameraSettings(StrictSettings):
 
     # 5 exposures take 0.07 s a view more than 3 at 30 images/s, and drop one more wrong depth of a pixel.
     exposures: int = Field(default=5, ge=1, le=25)
-    """Number of depth images per view. Their median is the view: it drops up to 2 wrong depths of a pixel out of 5."""
+    """Number of depth images per view. Their median is the view: it drops up to 2 wrong depths of a pixel out of 5.
+    `pointchain check` measures whether fewer are enough."""
     fps: float | None = Field(default=None, ge=1.0, le=MAX_FPS)
     """Frame rate of the camera. The default is 30, or the limit of the product at its resolution if that is lower."""
     settle_s: float = Field(default=0.1, ge=0.0, le=5.0)

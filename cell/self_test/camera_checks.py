@@ -45,7 +45,7 @@ def camera_found(info: CameraInfo) -> CheckResult:
 
 def frame(context: CheckContext) -> CheckResult:
     """Check that one capture gives a plausible and new depth image."""
-    aside = _looks_elsewhere(context)
+    aside = looks_elsewhere(context)
     began_s = time.monotonic()
     try:
         got = context.equipment.camera.capture(began_s)
@@ -102,7 +102,7 @@ def depth_image(got: Frame, age_s: float, optics: CameraOptics, aside: bool) -> 
     return ok(DEPTH_IMAGE, message, warnings)
 
 
-def _looks_elsewhere(context: CheckContext) -> bool:
+def looks_elsewhere(context: CheckContext) -> bool:
     """Return whether the camera is known not to look at the workspace now."""
     if context.state is None or context.hand_eye is None:
         return False

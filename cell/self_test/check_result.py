@@ -1,8 +1,8 @@
 """Result of one check, and what earlier checks found for later ones."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.cell_config import CellSettings
@@ -24,6 +24,8 @@ class CheckResult:
     """What was found, or why the check was skipped."""
     what_to_do: str | None = None
     """Advice for a person at the cell, or None if nothing is wrong."""
+    figures: Mapping[str, Any] | None = None
+    """Measured values for programs, in metres and seconds, or None."""
 
 
 @dataclass
@@ -48,12 +50,12 @@ class CheckContext:
     """Active calibration."""
 
 
-def ok(name: str, message: str, warnings: Sequence[str] = ()) -> CheckResult:
+def ok(name: str, message: str, warnings: Sequence[str] = (), figures: Mapping[str, Any] | None = None) -> CheckResult:
     """Return the result of a passed check. Each warning says what is wrong and, after a colon, what to do."""
     if not warnings:
-        return CheckResult(name, "ok", message)
+        return CheckResult(name, "ok", message, figures=figures)
     reasons, advice = _split_messages(warnings)
-    return CheckResult(name, "warning", f"{message}; but {reasons}", advice)
+    return CheckResult(name, "warning", f"{message}; but {reasons}", advice, figures)
 
 
 def failed(name: str, errors: Sequence[Exception], message: str = "") -> CheckResult:

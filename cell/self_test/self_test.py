@@ -7,7 +7,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.equipment import Equipment
 from cell.devices import InvalidViewError
 from cell.errors import CellError
-from cell.self_test import arm_checks, camera_checks, grasp_check, setup_checks
+from cell.self_test import arm_checks, camera_checks, exposure_check, grasp_check, setup_checks
 from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 
 REDUCED_M_S = 0.25
@@ -40,6 +40,7 @@ def check_cell(settings: CellSettings) -> Iterator[CheckResult]:
         ("camera", (), camera_checks.camera),
         ("calibration", (), setup_checks.calibration),
         ("depth image", ("camera",), camera_checks.frame),
+        (exposure_check.NAME, ("frame",), exposure_check.exposures),
         ("table", ("frame", "state", "hand_eye"), setup_checks.table),
         ("viewpoints", ("hand_eye",), setup_checks.viewpoints),
         (grasp_check.NAME, ("hand_eye",), grasp_check.grasps),

@@ -108,6 +108,7 @@ In a container, omit the top-level keys `host`, `port` and `data_dir`, and `hand
 - `scan.min_views` must not exceed `scan.views`.
 - `camera.fps` of an OAK camera must not exceed the limit of its product, resolution and `extended_disparity`, and
   `camera.exposure_us` must not be longer than one image takes at that rate.
+  See [Frame rate and exposures](exposures.md).
 """
 
 

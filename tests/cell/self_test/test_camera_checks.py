@@ -14,9 +14,9 @@ from tests.cell.self_test.cells_to_check import (
 
 
 def test_a_camera_that_does_not_see_the_workspace_is_detected() -> None:
-    assert not camera_checks._looks_elsewhere(looking_cell())
-    assert camera_checks._looks_elsewhere(looking_cell(aside_m=1.0))
-    assert not camera_checks._looks_elsewhere(grounds_for(CellSettings())), "an unknown pose is no excuse"
+    assert not camera_checks.looks_elsewhere(looking_cell())
+    assert camera_checks.looks_elsewhere(looking_cell(aside_m=1.0))
+    assert not camera_checks.looks_elsewhere(grounds_for(CellSettings())), "an unknown pose is no excuse"
 
 
 @pytest.mark.parametrize(

@@ -40,12 +40,15 @@ def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
                 log = admin.log()
     outcomes = {step.name: step.outcome for step in steps}
     expected = (
-        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, table, viewpoints, "
-        "grasps"
+        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, exposures, table, "
+        "viewpoints, grasps"
     )
     assert ", ".join(outcomes) == expected
     assert "failed" not in outcomes.values(), steps
     assert [outcomes[name] for name in ("controller", "robot", "connection", "arm model", "camera")] == ["ok"] * 5
+    (measured,) = (step.figures for step in steps if step.figures is not None)
+    assert measured["configured_frame_rate"] == 30.0
+    assert [median["exposures"] for median in measured["medians"]] == [1, 3, 5]
     kinds = {event["kind"] for event in log}
     assert "script_upload" in kinds, "the connection was really tested"
     assert not kinds & MOTION

@@ -55,7 +55,7 @@ def test_check_prints_what_is_wrong_and_what_to_do(unreachable_cell: Path, capsy
     assert ["ok", "data"] in starts
     assert "-> check arm.host" in out
     assert max(map(len, lines)) <= 120, "wrapped to the terminal"
-    assert lines[-1] == "The cell cannot scan: 5 ok, 2 failed, 5 skipped."
+    assert lines[-1] == "The cell cannot scan: 5 ok, 2 failed, 6 skipped."
 
 
 def test_check_prints_the_same_as_json(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,7 +64,7 @@ def test_check_prints_the_same_as_json(unreachable_cell: Path, capsys: pytest.Ca
     assert document["passed"] is False
     outcomes = {step["name"]: step["outcome"] for step in document["steps"]}
     assert (outcomes["controller"], outcomes["camera"], outcomes["data folder"]) == ("failed", "failed", "ok")
-    assert all(set(step) == {"name", "outcome", "message", "what_to_do"} for step in document["steps"])
+    assert all(set(step) == {"name", "outcome", "message", "what_to_do", "figures"} for step in document["steps"])
 
 
 def test_a_wrong_configuration_is_the_only_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
