@@ -67,16 +67,17 @@ def local_search(costs: TourCosts, first: frozenset[int], order: list[int]) -> t
         The postures in order, and the order of their viewpoints.
     """
     layers = _Layers.of(costs, len(first))
-    best = layers.cost(order)
+    best = np.inf
     improved = True
     while improved:
         improved = False
+        present = _Sweep.of(layers, order)
+        best = min(best, present.cost(order))
         for candidate in _neighbours(order):
             if first and not first.issuperset(candidate[: len(first)]):
                 continue
-            cost = layers.cost(candidate)
-            if cost < best - 1e-9:
-                best, order, improved = cost, candidate, True
+            if present.cost(candidate) < best - 1e-9:
+                order, improved = candidate, True
                 break
     return layers.cheapest(order), order
 
@@ -116,28 +117,21 @@ class _Layers:
         start, end = ([durations[m] for m in members] for durations in (costs.from_start, costs.to_home))
         return _Layers(members, start, end, between, first)
 
-    def cost(self, order: list[int]) -> float:
-        """Return the cost of the cheapest tour in this order."""
-        reached = self.start[order[0]]
-        for count, (a, b) in enumerate(itertools.pairwise(order), 1):
-            reached = self._onward(reached, count, a, b).min(axis=0)
-        return float(self._home(reached, order).min())
-
     def cheapest(self, order: list[int]) -> list[int]:
         """Return the postures of the cheapest tour in this order."""
         reached, choices = self.start[order[0]], []
         for count, (a, b) in enumerate(itertools.pairwise(order), 1):
-            onward = self._onward(reached, count, a, b)
+            onward = self.onward(reached, count, a, b)
             choices.append(onward.argmin(axis=0))
             reached = onward.min(axis=0)
-        choice = int(self._home(reached, order).argmin())
+        choice = int(self.home(reached, order).argmin())
         nodes = [self.members[order[-1]][choice]]
         for group, cheapest in zip(order[-2::-1], choices[::-1], strict=True):
             choice = int(cheapest[choice])
             nodes.append(self.members[group][choice])
         return [int(node) for node in nodes[::-1]]
 
-    def _onward(self, reached: NDArray[np.float64], count: int, a: int, b: int) -> NDArray[np.float64]:
+    def onward(self, reached: NDArray[np.float64], count: int, a: int, b: int) -> NDArray[np.float64]:
         """Return the costs (K, L) of the moves from `a`, the viewpoint number `count` of the tour, to `b`."""
         if count < self.first or not self.first:
             return reached[:, None] + self.between[a][b]
@@ -145,5 +139,41 @@ class _Layers:
             reached = reached + EARLY_SHARE * self.end[a]
         return reached[:, None] + (1 - EARLY_SHARE) * self.between[a][b]
 
-    def _home(self, reached: NDArray[np.float64], order: list[int]) -> NDArray[np.float64]:
+    def home(self, reached: NDArray[np.float64], order: list[int]) -> NDArray[np.float64]:
+        """Return the costs (K,) of the tours by their last posture, home included."""
         return reached + (1 - EARLY_SHARE if self.first else 1.0) * self.end[order[-1]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sweep:
+    """Costs along an order, from which those of similar orders follow soon."""
+
+    layers: _Layers
+    order: list[int]
+    to: list[NDArray[np.float64]]
+    """Cost of the best way to each posture of each viewpoint, by position in the order."""
+    after: list[NDArray[np.float64]]
+    """Cost of the best way from there to the end, home included."""
+
+    @staticmethod
+    def of(layers: _Layers, order: list[int]) -> "_Sweep":
+        to = [layers.start[order[0]]]
+        for count, (a, b) in enumerate(itertools.pairwise(order), 1):
+            to.append(layers.onward(to[-1], count, a, b).min(axis=0))
+        after = [layers.home(np.zeros(len(to[-1])), order)]
+        for count in range(len(order) - 1, 0, -1):
+            a, b = order[count - 1], order[count]
+            step = layers.onward(np.zeros(len(layers.start[a])), count, a, b)
+            after.append((step + after[-1]).min(axis=1))
+        return _Sweep(layers, order, to, after[::-1])
+
+    def cost(self, order: list[int]) -> float:
+        """Return the cost of the cheapest tour in another order of the same viewpoints."""
+        changed = [position for position, (a, b) in enumerate(zip(order, self.order, strict=True)) if a != b] or [0]
+        # before the first changed position and after the last one, the costs are known
+        begin, end = changed[0], min(changed[-1] + 1, len(order) - 1)
+        is_last_changed = order[-1] != self.order[-1]
+        reached = self.to[begin - 1] if begin else self.layers.start[order[0]]
+        for count in range(max(begin, 1), end + 1):
+            reached = self.layers.onward(reached, count, order[count - 1], order[count]).min(axis=0)
+        return float((self.layers.home(reached, order) if is_last_changed else reached + self.after[end]).min())
