@@ -27,6 +27,7 @@ from cell.control.stop_requests import StopRequests
 from cell.devices import ArmInfo, CameraInfo
 from cell.errors import CalibrationError, CameraLostError, CellError, StoppedError
 from cell.planning.calibration_poses import plan_calibration, plan_verification
+from cell.planning.expected_duration import expected_duration
 from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
 from cell.recording.header import RecordingHeader
 from recognition.model.view_sufficiency import LEAST_VIEWS
@@ -63,7 +64,8 @@ class Preparation:
         connected_at = time.monotonic()
         plan = self.plan_scan(views, hand_eye)
         planned_at = time.monotonic()
-        scan = self._settings.for_views(views).scan
+        settings = self._settings.for_views(views)
+        scan = settings.scan
         require_enough(plan, scan.min_views)
         self._stops.raise_if_stopped_since(requested_at)
         return PreparedScan(
@@ -74,6 +76,7 @@ class Preparation:
             replace(self._recording_header(hand_eye, connected), views_as_needed=scan.views == "auto"),
             connect_s=connected_at - started_at,
             plan_s=planned_at - connected_at,
+            expected=expected_duration(plan, settings),
             may_end_after=max(scan.min_views, LEAST_VIEWS) if scan.views == "auto" else None,
         )
 

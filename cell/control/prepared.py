@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 
 from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
+from cell.planning.expected_duration import ExpectedDuration
 from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.header import RecordingHeader
 
@@ -30,6 +31,8 @@ class PreparedScan:
     """Time that connecting arm and camera took, seconds. Nearly 0 if they were connected."""
     plan_s: float
     """Time that planning the viewpoints took, seconds."""
+    expected: ExpectedDuration
+    """How long the scan is expected to take from its first move on."""
     may_end_after: int | None = None
     """Number of views after which the scan may end early. None: all viewpoints are visited."""
 

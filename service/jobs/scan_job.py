@@ -143,7 +143,12 @@ class ScanWork:
     def _prepare(self, job: Job[ScanRow], unprepared: UnpreparedScan) -> PreparedScan:
         """Connect the cell if needed, and plan the viewpoints. Nothing moves."""
         prepared = self._cell.prepare_scan(unprepared.views, unprepared.requested_at)
-        job.timing |= {"connect": round(prepared.connect_s, 3), "plan": round(prepared.plan_s, 3)}
+        job.timing |= {
+            "connect": round(prepared.connect_s, 3),
+            "plan": round(prepared.plan_s, 3),
+            "expected_to_model": round(prepared.expected.to_model_s, 1),
+            "expected_to_home": round(prepared.expected.to_home_s, 1),
+        }
         log.info("%s has its plan: %d views", job.label, len(prepared.plan.viewpoints))
         planned = {"calibration_sha256": prepared.hand_eye.sha256, "timing": job.timing}
         self._store.scans.update(job.row.id, ("connecting",), state="preflight", **planned)

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from datetime import UTC, datetime
 
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.problem import problem_resource
@@ -18,10 +19,13 @@ from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import HEIGHT_MAP
 from service.storage.rows import ScanRow, ViewRow
 
+DURATIONS = ("wait", "connect", "plan", "expected_to_model", "expected_to_home", "to_model", "to_home")
+"""Members of the timing that a row has as they are."""
+
 
 def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
     """Return a scan as a document. `views` are the views of this scan."""
-    own = f"{SCANS}/{row.id}"
+    own, elapsed_s = f"{SCANS}/{row.id}", _elapsed(row)
     return ScanResource(
         id=row.id,
         mode=row.mode,
@@ -37,6 +41,8 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
             stage=row.stage,
             fraction=row.fraction,
             views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
+            elapsed_s=elapsed_s,
+            remaining_s=None if elapsed_s is None else _remaining(row, elapsed_s),
         ),
         created_at=row.created_at,
         started_at=row.started_at,
@@ -60,6 +66,19 @@ def scan_resources(rows: Sequence[ScanRow], views: Sequence[ViewRow]) -> list[Sc
     return [scan_resource(row, of_scan[row.id]) for row in rows]
 
 
+def _elapsed(row: ScanRow) -> float | None:
+    """Return the time since the first move of a live scan that runs, seconds."""
+    if row.mode != "live" or row.started_at is None or row.ended_at is not None:
+        return None
+    started = datetime.fromisoformat(row.started_at)
+    return round(max((datetime.now(UTC) - started).total_seconds(), 0.0), 1)
+
+
+def _remaining(row: ScanRow, elapsed_s: float) -> float | None:
+    expected_s = (row.timing or {}).get("expected_to_model")
+    return None if expected_s is None else round(max(expected_s - elapsed_s, 0.0), 1)
+
+
 def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
     timing = row.timing or {}
     durations = [
@@ -73,7 +92,7 @@ def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
         if view.move_s is not None and view.settle_s is not None and view.exposure_s is not None
     ]
     return ScanTiming(
-        **{name: timing.get(name) for name in ("wait", "connect", "plan", "to_model", "to_home")},
+        **{name: timing.get(name) for name in DURATIONS},
         views=durations,
         recognition=timing.get("recognition", {}),
     )

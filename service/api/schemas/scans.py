@@ -159,6 +159,10 @@ class ScanProgress(ApiModel):
     """Completed share by typical durations, 0 to 1. It never decreases."""
     views: list[ViewProgress]
     """The viewpoints of a live scan that were reached so far, by index."""
+    elapsed_s: float | None
+    """Time since the first move of a live scan. Null before it, and when the scan has ended."""
+    remaining_s: float | None
+    """Expected time until the model, 0 if the scan takes longer than expected. Null where `elapsed_s` is."""
 
 
 class ViewDurations(ApiModel):
@@ -182,6 +186,10 @@ class ScanTiming(ApiModel):
     """Connecting arm and camera. Nearly 0 if they were connected."""
     plan: float | None
     """Planning the viewpoints."""
+    expected_to_model: float | None
+    """From the first move of a live scan until the model, by the plan. With "auto" views, four views are expected."""
+    expected_to_home: float | None
+    """From the first move of a live scan until the arm is home, by the plan."""
     views: list[ViewDurations]
     """The recorded views, by index."""
     recognition: dict[str, float]

@@ -113,10 +113,16 @@ def test_a_scan_says_how_long_its_parts_took(cell: LiveCell, finished: Finished)
     begin = time.monotonic()
     accepted = cell.client.post("/api/scans", json=SCAN).json()
     assert (accepted["state"], accepted["final"]) == ("connecting", False)
-    unknown = dict.fromkeys(("wait", "connect", "plan", "to_model", "to_home"))
+    assert (accepted["progress"]["elapsed_s"], accepted["progress"]["remaining_s"]) == (None, None)
+    unknown = dict.fromkeys(("wait", "connect", "plan", "expected_to_model", "expected_to_home", "to_model", "to_home"))
     assert accepted["timing_s"] == unknown | {"views": [], "recognition": {}}
     location = accepted["links"]["self"]
+    cell.wait_for_motion(location)
+    progress = cell.client.get(location).json()["progress"]
+    assert progress["elapsed_s"] > 0
+    assert progress["remaining_s"] is not None
     scan = finished(cell.client, location)
+    assert (scan["progress"]["elapsed_s"], scan["progress"]["remaining_s"]) == (None, None)
     wait_until(lambda: cell.client.get(location).json()["timing_s"]["to_home"] is not None)
     whole_s = time.monotonic() - begin
     timing = cell.client.get(location).json()["timing_s"]
@@ -125,6 +131,7 @@ def test_a_scan_says_how_long_its_parts_took(cell: LiveCell, finished: Finished)
     model = cell.client.get(scan["links"]["model"]).json()
     rounded = {stage: pytest.approx(seconds, abs=0.001) for stage, seconds in model["timing_s"].items()}
     assert timing["recognition"] == rounded
+    assert 0 < timing["expected_to_model"] < timing["expected_to_home"]
     # The parts come one after the other, and the arm goes home last.
     parts_s = sum(timing[part] for part in ("wait", "connect", "plan"))
     parts_s += sum(view["move"] + view["settle"] + view["exposure"] for view in timing["views"])

@@ -66,6 +66,10 @@ class Progress:
     """Completed share, 0 to 1. It never decreases."""
     views: tuple[ViewProgress, ...]
     """The viewpoints of a live scan that were reached so far, by index."""
+    elapsed_s: float | None
+    """Time since the first move of a live scan, seconds. None before it, and when the scan has ended."""
+    remaining_s: float | None
+    """Expected time until the model, seconds. None where `elapsed_s` is."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,10 @@ class ScanTiming:
     """Connecting arm and camera. Nearly 0 if they were connected."""
     plan: float | None
     """Planning the viewpoints."""
+    expected_to_model: float | None
+    """From the first move of a live scan until the model, by the plan. With `auto` views, four views are expected."""
+    expected_to_home: float | None
+    """From the first move of a live scan until the arm is home, by the plan."""
     views: tuple[ViewDurations, ...]
     """The recorded views, by index."""
     recognition: Mapping[str, float]

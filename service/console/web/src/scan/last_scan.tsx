@@ -29,6 +29,12 @@ export function LastScan({ scan }: { scan: Scan }) {
         })}
         {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
       </p>
+      {scan.timing_s.to_model !== null && scan.mode === "live" && (
+        <p class="small">
+          {t("scan.last.to_model", { seconds: Math.round(scan.timing_s.to_model) })}
+          {scan.timing_s.to_home !== null && t("scan.last.to_home", { seconds: Math.round(scan.timing_s.to_home) })}
+        </p>
+      )}
       <EndReason state={scan.state} problem={problem} />
       <RadiusWarning scan={scan} />
       <Doubts summary={summary} />

@@ -1,7 +1,8 @@
+import { useMemo } from "preact/hooks";
 import { Badge } from "../bar/status";
 import { api, longCall, resultOf, type Scan } from "../net/api";
 import { cell } from "../state/cell";
-import { lost } from "../state/freshness";
+import { lost, now } from "../state/freshness";
 import { show } from "../state/scans";
 import { percent } from "../texts/format";
 import { SCAN_TONES, scanWord } from "../texts/states";
@@ -13,6 +14,12 @@ import { Views } from "./views";
 export function Progress({ scan }: { scan: Scan }) {
   const action = useAction();
   const activity = activityText(scan);
+  const { fraction, elapsed_s, remaining_s } = scan.progress;
+  const received = useMemo(() => performance.now(), [scan]);
+  const since_s = Math.max(0, (now.value - received) / 1000);
+  const elapsed = elapsed_s === null ? null : elapsed_s + since_s;
+  const remaining = remaining_s === null ? null : Math.max(0, remaining_s - since_s);
+  const done = elapsed === null || remaining === null ? fraction : Math.min(0.99, elapsed / (elapsed + remaining));
   return (
     <section class="panel" aria-label={t("scan.progress.region")}>
       <h2>
@@ -21,9 +28,15 @@ export function Progress({ scan }: { scan: Scan }) {
         </Badge>
       </h2>
       <div class="done">
-        <progress max={1} value={scan.progress.fraction} aria-label={t("common.progress")} />
-        <span>{percent(scan.progress.fraction)}</span>
+        <progress max={1} value={done} aria-label={t("common.progress")} />
+        <span>{percent(done)}</span>
       </div>
+      {elapsed !== null && (
+        <p class="small">
+          {t("scan.progress.elapsed", { elapsed: Math.round(elapsed) })}
+          {remaining !== null && remaining > 0 && t("scan.progress.remaining", { remaining: Math.ceil(remaining) })}
+        </p>
+      )}
       {scan.requested_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.requested_by })}</p>}
       <Act
         action={action}

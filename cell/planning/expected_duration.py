@@ -1,0 +1,44 @@
+"""How long a scan is expected to take, by its plan."""
+
+from dataclasses import dataclass
+
+from cell.config.arm_config import SimulatedArm
+from cell.config.cell_config import CellSettings
+from cell.kinematics.move_duration import path_duration
+from cell.planning.viewpoints import ViewpointPlan
+
+VIEW_OVERHEAD_S = 0.25
+"""Time of one view apart from motion, waiting and exposures: start and end of the move, reading and writing."""
+RECOGNITION_S = 0.3
+"""Time of recognition after the last view."""
+
+
+@dataclass(frozen=True)
+class ExpectedDuration:
+    """Expected times after the first move begins, with the speed slider of the pendant at 100 %."""
+
+    to_model_s: float
+    """Time until the model is stored."""
+    to_home_s: float
+    """Time until the arm is home."""
+
+
+def expected_duration(plan: ViewpointPlan, settings: CellSettings) -> ExpectedDuration:
+    """Return how long a scan takes. With `auto` views, it is expected to end after the first ring.
+
+    Args:
+        plan: Viewpoints and path.
+        settings: Settings with which they were planned.
+    """
+    legs = [leg for leg in plan.legs if leg.view is not None]
+    legs = legs[: len(plan.first)] if plan.first else legs
+    factor = settings.arm.time_factor if isinstance(settings.arm, SimulatedArm) else 1.0
+    camera = settings.camera
+    dwell_s = camera.settle_s + camera.exposures / camera.frame_rate + VIEW_OVERHEAD_S
+    last_view_s = sum(leg.duration_s for leg in legs) / factor + len(legs) * dwell_s
+    if not legs:
+        return ExpectedDuration(0.0, 0.0)
+    last = legs[-1]
+    home_s = path_duration(settings.arm, last.waypoints_rad[-1], tuple(last.home_waypoints_rad)) / factor
+    checked_s = RECOGNITION_S if plan.first else 0.0  # the arm waits for the decision to end the scan
+    return ExpectedDuration(last_view_s + RECOGNITION_S, last_view_s + checked_s + home_s)
