@@ -83,7 +83,7 @@ def draw_plan(plan: ViewpointPlan, settings: CellSettings) -> bytes:
     flat.set_title("from above", fontsize=10)
     figure.suptitle(
         f"{settings.arm.model}: {plan.reachable} of {len(plan.viewpoints)} viewpoints, "
-        f"travel {plan.travel_rad:.1f} rad. "
+        f"{plan.duration_s:.1f} s of motion. "
         "Bold: the viewpoint's index, and when it is taken; grey: home; orange: the workspace"
     )
     notes = [f"{v.index} is not reached: {v.reason}" for v in plan.viewpoints if v.q_rad is None]

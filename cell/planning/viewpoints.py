@@ -67,6 +67,8 @@ class Leg:
     """Duration of the motion, at rest at each waypoint, at full speed slider."""
     home_waypoints_rad: NDArray[np.float64]
     """Joint angles (N, 6) of the waypoints from its end home, if the scan ends there. None lead from home, N is 0."""
+    home_duration_s: float
+    """Duration of the motion along these waypoints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +108,12 @@ class ViewpointPlan:
         return bool(np.abs(q_rad - self.home_q_rad).max() <= HOME_TOLERANCE_RAD)
 
     @property
+    def early_duration_s(self) -> float | None:
+        """Duration of the motion if the scan ends after the viewpoints visited first, with the path home, or None."""
+        legs = self.legs[: len(self.first)]
+        return sum(leg.duration_s for leg in legs) + legs[-1].home_duration_s if legs else None
+
+    @property
     def unseen(self) -> str | None:
         """Message about the part of the workspace that too few views show.
 
@@ -137,12 +145,18 @@ class ViewpointPlan:
                     "view": leg.view,
                     "waypoints_rad": leg.waypoints_rad.round(9).tolist(),
                     "travel_rad": round(leg.travel_rad, 6),
+                    "duration_s": round(leg.duration_s, 3),
+                    "home_waypoints_rad": leg.home_waypoints_rad.round(9).tolist(),
+                    "home_duration_s": round(leg.home_duration_s, 3),
                 }
                 for leg in self.legs
             ],
             "start_q_rad": self.start_q_rad.round(9).tolist(),
             "home_q_rad": self.home_q_rad.round(9).tolist(),
             "travel_rad": round(self.travel_rad, 6),
+            "duration_s": round(self.duration_s, 3),
+            "first": list(self.first),
+            "early_duration_s": None if self.early_duration_s is None else round(self.early_duration_s, 3),
             "coverage": {"fraction": round(self.coverage.covered_share, 4), "warning": self.unseen},
             "planning_s": round(self.planning_s, 3),
             "held_out": list(self.held_out),
@@ -307,9 +321,16 @@ def _taken(
         passed = [
             q for q, before in zip(path, (q_rad, *path), strict=False) if q is path[-1] or not np.array_equal(q, before)
         ]
-        home_waypoints = np.array(home_path).reshape(-1, 6)
+        end = path[-1]
         legs.append(
-            Leg(view, np.array(passed), travel_rad(q_rad, path), path_duration(arm, q_rad, path), home_waypoints)
+            Leg(
+                view=view,
+                waypoints_rad=np.array(passed),
+                travel_rad=travel_rad(q_rad, path),
+                duration_s=path_duration(arm, q_rad, path),
+                home_waypoints_rad=np.array(home_path).reshape(-1, 6),
+                home_duration_s=path_duration(arm, end, home_path),
+            )
         )
-        q_rad = path[-1]
+        q_rad = end
     return viewpoints, tuple(legs)

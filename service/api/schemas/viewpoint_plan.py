@@ -33,6 +33,13 @@ class PlanLeg(ApiModel):
     waypoints_rad: Matrix
     """Joint angles at each waypoint, in order."""
     travel_rad: float
+    """Motion of the leading joint, summed over the waypoints."""
+    duration_s: float
+    """Duration of the motion at full speed slider."""
+    home_waypoints_rad: Matrix
+    """Joint angles at each waypoint from the end of the leg home, if the scan ends there. Empty for the last leg."""
+    home_duration_s: float
+    """Duration of the motion along these waypoints."""
 
 
 class PlanCoverage(ApiModel):
@@ -55,6 +62,13 @@ class PlanDocument(ApiModel):
     """Joint angles at the start of the first leg. Home, unless the pose of the arm was known."""
     home_q_rad: list[float]
     travel_rad: float
+    """Motion of the leading joint, summed over all legs."""
+    duration_s: float
+    """Duration of the motion, summed over all legs. Each move needs about 0.1 s more to start and to come to rest."""
+    first: list[int]
+    """Indices of the viewpoints that are visited first, after which a scan may end. Empty if it visits all."""
+    early_duration_s: float | None
+    """Duration of the motion if the scan ends after these viewpoints, with the path home. Null if there are none."""
     coverage: PlanCoverage
     planning_s: float
     held_out: list[int]

@@ -64,9 +64,14 @@ def _table(plan: ViewpointPlan) -> str:
         )
     home = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(plan.home_q_rad))
     lines.append(
-        f"{plan.reachable} of {len(plan.viewpoints)} reached, from home ({home}) and back; the leading joints turn by "
-        f"{np.rad2deg(plan.travel_rad):.0f} in all, angles in degrees. Planned in {plan.planning_s:.2f} s."
+        f"{plan.reachable} of {len(plan.viewpoints)} reached, from home ({home}) and back, angles in degrees. The arm "
+        f"moves for {plan.duration_s:.1f} s. Planned in {plan.planning_s:.2f} s."
     )
+    if plan.early_duration_s is not None:
+        lines.append(
+            f"If the scan ends after viewpoints {', '.join(map(str, plan.first))}, the arm moves for "
+            f"{plan.early_duration_s:.1f} s, with the path home."
+        )
     if plan.unseen is not None:
         lines.append(f"Warning: {plan.unseen}.")
     return "\n".join(lines)

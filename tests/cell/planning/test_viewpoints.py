@@ -203,6 +203,7 @@ def test_one_ring_is_visited_first(settings: CellSettings, start: NDArray[np.flo
 def test_the_first_viewpoints_of_the_default_cell_take_half_the_time() -> None:
     plan = plan_viewpoints(DEFAULT.for_views("auto"), T_FLANGE_CAMERA, None)
     assert set(plan.first) == UPPER
+    assert plan.early_duration_s == pytest.approx(early_s(plan, DEFAULT, 4))
     # Computed once: 10.5 s with the upper ring, 18.5 s with all views in the best order.
     assert early_s(plan, DEFAULT, 4) == pytest.approx(10.5, abs=0.1)
     assert plan_of(DEFAULT).duration_s == pytest.approx(18.5, abs=0.1)
@@ -340,6 +341,7 @@ def test_the_plan_is_plain_json() -> None:
     first_view = document["legs"][0]["view"]
     assert document["legs"][0]["waypoints_rad"][-1] == document["viewpoints"][first_view]["q_rad"]
     assert document["travel_rad"] == pytest.approx(sum(leg["travel_rad"] for leg in document["legs"]), abs=1e-4)
+    assert document["duration_s"] == pytest.approx(sum(leg["duration_s"] for leg in document["legs"]), abs=0.01)
     assert document["reachable"] == sum(v["q_rad"] is not None for v in document["viewpoints"])
 
 
