@@ -58,7 +58,7 @@ class Recognition:
     model: PointChainModel
     """The point chain model."""
     ingested: IngestedViews
-    """Preprocessed views: target clouds, points with normals, heights, and correspondences."""
+    """Preprocessed views."""
     registration: Registration | None = None
     """Registered views, and their merged point cloud with normals."""
     centre_line: CentreLine | None = None
