@@ -121,7 +121,7 @@ class Cell:
             StoppedError: A stop was requested meanwhile.
         """
         with self._exclusive():
-            self._preparation.connect(self._preparation.active_hand_eye)
+            self._preparation.connect_for_scan()
 
     def plan(self, views: Views | None = None) -> ViewpointPlan:
         """Plan the viewpoints of a scan from the arm's last known posture. No device is queried.

@@ -22,13 +22,14 @@ from cell.control.active_calibration import (
 )
 from cell.control.equipment import Equipment
 from cell.control.prepared import PreparedCalibration, PreparedScan, PreparedVerification
+from cell.control.scan_planner import ScanPlanner
 from cell.control.status import SharedStatus
 from cell.control.stop_requests import StopRequests
 from cell.devices import ArmInfo, CameraInfo
 from cell.errors import CalibrationError, CameraLostError, CellError, StoppedError
 from cell.planning.calibration_poses import plan_calibration, plan_verification
 from cell.planning.expected_duration import expected_duration
-from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints, require_enough
+from cell.planning.viewpoints import ViewpointPlan, require_enough
 from cell.recording.header import RecordingHeader
 from recognition.model.view_sufficiency import LEAST_VIEWS
 
@@ -52,13 +53,14 @@ class Preparation:
 
     def __init__(self, settings: CellSettings, equipment: Equipment, status: SharedStatus, stops: StopRequests) -> None:
         self._settings, self._equipment, self._status, self._stops = settings, equipment, status, stops
+        self._planner = ScanPlanner(settings)
 
     def scan(self, views: Views | None, requested_at: float) -> PreparedScan:
         """Prepare a scan, as `Cell.prepare_scan` says."""
         self._stops.raise_if_stopped_since(requested_at)  # before connecting: a stale request must not connect
         started_at = time.monotonic()
         self._equipment.lay_board(None)
-        connected = self.connect(self.active_hand_eye)
+        connected = self.connect_for_scan(views)
         hand_eye = connected.hand_eye
         assert hand_eye is not None
         connected_at = time.monotonic()
@@ -122,6 +124,20 @@ class Preparation:
         ids = connected.camera.device_id, connected.arm.serial
         return PreparedVerification(plan, hand_eye, requested_at, len(plan.viewpoints), board, *ids)
 
+    def connect_for_scan(self, views: Views | None = None) -> Connected:
+        """Connect, as `connect` does, while the groundwork of the plan is laid.
+
+        Args:
+            views: Number of viewpoints, or None for the configured number.
+        """
+
+        def load_hand_eye() -> HandEye:
+            hand_eye = self.active_hand_eye()
+            self._planner.prepare(views, hand_eye.T_flange_camera)
+            return hand_eye
+
+        return self.connect(load_hand_eye)
+
     def connect(self, load_hand_eye: Callable[[], HandEye] | None) -> Connected:
         """Connect arm and camera, unless they are connected.
 
@@ -163,7 +179,7 @@ class Preparation:
         Raises:
             ViewpointsError: No path leads from the arm's posture.
         """
-        plan = plan_viewpoints(self._settings.for_views(views), hand_eye.T_flange_camera, self._q_rad)
+        plan = self._planner.plan(views, hand_eye.T_flange_camera, self._q_rad)
         self._status.change(plan=plan)
         return plan
 
