@@ -50,11 +50,14 @@ PREVIEW_TIMEOUT_S = 3.0
 second."""
 
 GRACE_S = 0.3
-"""How long a stopped live scan may take to end before its recognition process is killed. The next scan would have to
-wait for a new process."""
+"""How long a stopped live scan may take to end after its arm before its recognition process is killed. The next scan
+would have to wait for a new process."""
 
 IDLE_CHECK_S = 1.0
 """Interval at which an idle service checks that a recognition process is ready."""
+
+START_CHECK_S = 0.05
+"""The same interval while the process starts."""
 
 
 class Jobs:
@@ -279,12 +282,14 @@ class Jobs:
             return
         if started and not job.prepared.is_set():
             return  # recognition has not begun and will not begin
-        # A live scan ends with its arm, and its recognition process stays for the next one. It is killed only if it
-        # works on the last views.
         wait_s = GRACE_S if started or job.shutting_down.is_set() else PREVIEW_TIMEOUT_S
         threading.Thread(target=self._kill_unless_ended, args=(job, wait_s), name="ending").start()
 
     def _kill_unless_ended(self, job: Job[Any], wait_s: float) -> None:
+        # A live scan ends with its arm, which may be in a capture that no stop interrupts. Its recognition process
+        # stays for the next scan. It is killed only if it works on the last views.
+        if job.uses_arm:
+            self._cell.wait_while_busy(CANCEL_TIMEOUT_S)
         if not job.ended.wait(wait_s):  # else the process may already work for the next job
             self._worker.kill()
 
@@ -292,7 +297,7 @@ class Jobs:
         self._prepare()
         while True:
             try:
-                job = self._accepted.get(timeout=IDLE_CHECK_S)
+                job = self._accepted.get(timeout=START_CHECK_S if self._worker.starting else IDLE_CHECK_S)
             except queue.Empty:
                 self._prepare()  # if recognition has died, a new process is ready for the next scan
                 continue

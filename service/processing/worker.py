@@ -1,7 +1,8 @@
 """The service's side of the recognition process.
 
 Recognition runs in its own process: the event loop stays free, and the process may crash or be killed. It is started
-before its first task, because its imports take more than a second. It is reused until it is killed or dies.
+before its first task, because its imports take more than a second, and nobody waits for it before the task needs it. It
+is reused until it is killed or dies.
 """
 
 import logging
@@ -63,6 +64,9 @@ class RecognitionWorker:
         self._killed = False
         """True after `kill`: a killed process may still look alive for a moment."""
         self._not_ready_reason: str | None = "recognition is starting"
+        self._ready_by: float | None = None
+        """Time by which a process that is starting must be ready, monotonic seconds. None: it is ready, or was not
+        started."""
         self._idle = False
         """True if the process has reported the end of the last task and nothing was sent since."""
         self.start_count = 0
@@ -75,6 +79,11 @@ class RecognitionWorker:
         return process is not None and not self._killed and process.exitcode is None
 
     @property
+    def starting(self) -> bool:
+        """Whether the process was started and is not known to be ready."""
+        return self._ready_by is not None
+
+    @property
     def not_ready_reason(self) -> str | None:
         """Why no task can be run now; None if one can. A process at work is ready."""
         if self._not_ready_reason is None and not self.alive:
@@ -82,9 +91,14 @@ class RecognitionWorker:
         return self._not_ready_reason
 
     def prepare(self) -> None:
-        """Start the process like `start`, but report a failure in `not_ready_reason`."""
+        """Start the process unless it is alive, and return at once. A failure is reported in `not_ready_reason`.
+
+        Repeat the call until `not_ready_reason` is None: each call notices whether the process has become ready.
+        """
         try:
-            self.start()
+            self._launch()
+            if self._ready_by is not None and (self._has_message() or time.monotonic() > self._ready_by):
+                self._await_ready(self._ready_by)
         except TaskFailedError as error:
             # killed during the start, or broken: the next task tries again and raises the error
             self._not_ready_reason = f"recognition did not start: {error}"
@@ -95,25 +109,9 @@ class RecognitionWorker:
         Raises:
             TaskFailedError: The process could not be started, ended before it was ready, or took too long.
         """
-        if self.alive:
-            return
-        self._not_ready_reason = "recognition is starting"
-        self._release()
-        context = multiprocessing.get_context("spawn")
-        try:
-            self._pipe, child_pipe = context.Pipe()
-            process = context.Process(
-                target=run_process, args=(child_pipe, child_logging_setup()), name="recognition", daemon=True
-            )
-            with child_pipe, self._starting, block_sigint_for_children():
-                process.start()
-                self._process, self._killed = process, False
-            self.start_count += 1
-        except OSError as error:
-            self._release()
-            raise _start_error(error) from error
-        self._receive(time.monotonic() + START_TIMEOUT_S)
-        self._not_ready_reason = None
+        self._launch()
+        if self._ready_by is not None:
+            self._await_ready(self._ready_by)
 
     def run(
         self,
@@ -172,6 +170,37 @@ class RecognitionWorker:
         """Kill the process and wait for its end."""
         self.kill()
         self._release()
+
+    def _launch(self) -> None:
+        """Start the process unless it is alive."""
+        if self.alive:
+            return
+        self._not_ready_reason = "recognition is starting"
+        self._release()
+        context = multiprocessing.get_context("spawn")
+        try:
+            self._pipe, child_pipe = context.Pipe()
+            process = context.Process(
+                target=run_process, args=(child_pipe, child_logging_setup()), name="recognition", daemon=True
+            )
+            with child_pipe, self._starting, block_sigint_for_children():
+                process.start()
+                self._process, self._killed = process, False
+            self.start_count += 1
+        except OSError as error:
+            self._release()
+            raise _start_error(error) from error
+        self._ready_by = time.monotonic() + START_TIMEOUT_S
+
+    def _await_ready(self, deadline: float) -> None:
+        self._receive(deadline)
+        self._ready_by = self._not_ready_reason = None
+
+    def _has_message(self) -> bool:
+        """Return whether the process has sent a message, or has ended."""
+        assert self._pipe is not None
+        assert self._process is not None
+        return bool(wait([self._pipe, self._process.sentinel], timeout=0))
 
     def _exchange(
         self,
@@ -259,7 +288,7 @@ class RecognitionWorker:
 
     def _release(self) -> int | None:
         """Wait for the end of the process and close the pipe. Return the exit code."""
-        code = None
+        code = self._ready_by = None
         if self._process is not None:
             self._process.join()
             code = self._process.exitcode

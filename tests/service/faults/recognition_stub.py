@@ -26,7 +26,7 @@ class RecognitionStub:
     """Stub for `service.processing.worker.RecognitionWorker` with a fixed result."""
 
     alive, start_count = True, 1
-    not_ready_reason = None
+    starting, not_ready_reason = False, None
 
     def __init__(self, recognition: Recognition) -> None:
         self._recognition = recognition

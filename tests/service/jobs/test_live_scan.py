@@ -3,6 +3,8 @@
 import hashlib
 import json
 import math
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
@@ -233,6 +235,39 @@ def test_an_arm_that_is_released_after_a_stop_is_not_reported_as_home(cell: Live
     assert "not its home posture" in released["reason"]
     assert finished(cell.client, cell.start())["state"] == "succeeded"
     wait_until(lambda: cell.state()["robot"]["at_home"] is True)
+
+
+def test_a_stop_during_a_capture_keeps_camera_and_recognition_for_the_next_scan(
+    cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The camera is suspended in a capture, which no stop interrupts, for longer than a stopped scan may take to end."""
+    grace_s = 2.0  # enough for a busy machine
+    monkeypatch.setattr("service.jobs.manager.GRACE_S", grace_s)
+    cell.is_well()
+    wait_until(lambda: cell.client.get("/readyz").status_code == 200)
+    recognition, camera = cell.client.recognition_pid, cell.camera.pid
+    assert camera is not None
+    requested_s, location = time.monotonic(), cell.start()
+    wait_until(lambda: "moving" in cell.views(location).values())
+    os.kill(camera, signal.SIGSTOP)
+    try:
+        wait_until(lambda: at_rest_for_s(cell, requested_s) > 0.3)
+        stopped_s = time.monotonic()
+        assert cell.client.post("/api/cell/stop").status_code == 200
+        time.sleep(max(stopped_s + grace_s + 1.0 - time.monotonic(), 0.0))
+        assert cell.client.get(location).json()["final"] is False
+    finally:
+        os.kill(camera, signal.SIGCONT)
+    assert finished(cell.client, location)["state"] == "aborted"
+    assert cell.events("motion_start", after_s=stopped_s) == []
+    assert finished(cell.client, cell.start())["state"] == "succeeded"
+    assert (cell.client.recognition_pid, cell.camera.pid) == (recognition, camera)
+
+
+def at_rest_for_s(cell: LiveCell, since_s: float) -> float:
+    """Return the time since the last move after `since_s` (monotonic seconds), or 0 during it and before the first."""
+    moves = cell.events("motion_start", "motion_done", after_s=since_s)
+    return time.monotonic() - moves[-1]["stamp_s"] if moves and moves[-1]["kind"] == "motion_done" else 0.0
 
 
 def test_the_plan_is_available_before_a_device_is_connected(serve: Serve, tmp_path: Path) -> None:

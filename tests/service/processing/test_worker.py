@@ -134,7 +134,34 @@ def test_a_failed_start_is_reported_and_tried_again(worker: RecognitionWorker, f
     assert os.strerror(errno.EMFILE) in reason
     assert open_files() <= used  # files of an earlier test may be closed meanwhile
     worker.prepare()
+    worker.start()
     assert worker.not_ready_reason is None
+
+
+def test_a_start_in_advance_does_not_wait_for_the_process(worker: RecognitionWorker) -> None:
+    worker.prepare()
+    assert worker.alive
+    assert worker.starting, "the call waited for the imports of the process"
+    assert worker.not_ready_reason == "recognition is starting"
+    process, deadline = worker._process, time.monotonic() + PATIENCE_S
+    while worker.not_ready_reason is not None and time.monotonic() < deadline:
+        time.sleep(0.01)
+        worker.prepare()
+    assert not worker.starting
+    worker.start()
+    assert (worker._process, worker.start_count) == (process, 1)
+
+
+def test_a_process_that_dies_during_its_start_is_replaced(worker: RecognitionWorker) -> None:
+    worker.prepare()
+    process = worker._process
+    assert process is not None
+    process.kill()
+    process.join()
+    worker.prepare()
+    assert worker.alive
+    worker.start()
+    assert (worker.not_ready_reason, worker.start_count) == (None, 2)
 
 
 def test_an_incomplete_preview_is_removed(recording_file: Path, tmp_path: Path) -> None:
