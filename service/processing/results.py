@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,16 @@ from recognition.model.provenance import Provenance
 from recognition.model.trust import Verdict
 from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
-from recognition.stepwise import recognise_after_each_view
 from service.clock import format_utc
 from service.processing.height_map_file import StoredHeightMap, to_npz
 from service.processing.preview import draw_preview
 from service.processing.view_outcomes import ViewOutcome, view_outcomes
 from service.storage.data_folder import CLOUD, HEIGHT_MAP, MODEL
+
+if TYPE_CHECKING:
+    from recognition.pipeline import Recognition
 
 OnStage = Callable[[str], None]
 """Called with the name of a stage when it begins."""
@@ -134,7 +135,7 @@ def recognise_recording(
     settings: Mapping[str, float] | None = None,
     all_grasps: bool = False,
     source: Source | None = None,
-) -> Recognition:
+) -> "Recognition":
     """Recognise a recording. The findings of the model list what is missing from the file.
 
     Args:
@@ -181,7 +182,7 @@ def recognise_views(
     all_grasps: bool = False,
     source: Source | None = None,
     on_check: Callable[[ViewCheck], None] | None = None,
-) -> Recognition:
+) -> "Recognition":
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
     Args:
@@ -201,11 +202,15 @@ def recognise_views(
         RecognitionError: The radius or the views cannot be used. If too few views can be used, the message also says
             what is missing from the recording.
     """
+    # not at the top: the service imports this module without recognition
+    from recognition.pipeline import recognise
+    from recognition.stepwise import recognise_after_each_view
+
     parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
     stamps: list[float] = []
 
-    def recognise_some(some: Iterable[DepthView], earlier: Recognition | None = None) -> Recognition:
+    def recognise_some(some: Iterable[DepthView], earlier: "Recognition | None" = None) -> "Recognition":
         return recognise(some, parameters, scene, method, on_stage, gripper, settings, all_grasps, earlier)
 
     try:
@@ -267,7 +272,7 @@ def incomplete_findings(missing: Iterable[str]) -> list[Finding]:
     return [finding("recording-incomplete", message) for message in missing]
 
 
-def write_results(recognition: Recognition, folder: Path) -> Outcome:
+def write_results(recognition: "Recognition", folder: Path) -> Outcome:
     """Create `folder`, write the files of the result into it, each synced to the disk, and return the outcome.
 
     The files are `model.json`, `cloud.ply` and, if the views were registered, `height-map.npz`.
@@ -293,12 +298,12 @@ def write_results(recognition: Recognition, folder: Path) -> Outcome:
     )
 
 
-def write_preview(recognition: Recognition, path: Path) -> None:
+def write_preview(recognition: "Recognition", path: Path) -> None:
     """Write the preview of the result, synced to the disk. It is separate because it takes longer than recognition."""
     write_synced(path, draw_preview(recognition.model, merged_cloud(recognition)))
 
 
-def merged_cloud(recognition: Recognition) -> NDArray[np.float64]:
+def merged_cloud(recognition: "Recognition") -> NDArray[np.float64]:
     """Return the points (N, 3) of all views, base frame, metres. N is zero if recognition ended before registration."""
     registration = recognition.registration
     return np.zeros((0, 3)) if registration is None else registration.points

@@ -1,9 +1,10 @@
 """Outcome of each view: whether recognition used it, and how far registration moved it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from recognition.pipeline import Recognition
+if TYPE_CHECKING:
+    from recognition.pipeline import Recognition
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class ViewOutcome:
     """Angle by which registration turned the view, radians. None: not registered."""
 
 
-def view_outcomes(recognition: Recognition) -> tuple[ViewOutcome, ...]:
+def view_outcomes(recognition: "Recognition") -> tuple[ViewOutcome, ...]:
     """Return the outcome of each view that recognition was given."""
     registered = recognition.registration
     compared = set() if registered is None else {view.index for view in registered.views}

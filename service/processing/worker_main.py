@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from recognition.model.findings import Finding, finding
 from recognition.model.model import Method, PointChainModel
 from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition
 from service.errors import INPUT_ERRORS, Failure
 from service.logs.setup import scan_log_context
 from service.processing.preview import draw_preview
@@ -37,6 +37,9 @@ from service.processing.results import (
     write_results,
 )
 from service.storage.storage_errors import is_full
+
+if TYPE_CHECKING:
+    from recognition.pipeline import Recognition
 
 log = logging.getLogger(__name__)
 
@@ -116,6 +119,8 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
         pipe: Connection to the service.
         set_up_log: Sets up the log of the process, by the process's name. None: the log is left as it is.
     """
+    if hasattr(os, "nice"):
+        os.nice(NICE_INCREMENT)
     if set_up_log is not None:
         set_up_log(multiprocessing.current_process().name)
     for number in (signal.SIGINT, signal.SIGTERM):  # signals may reach the whole group; the service ends this process
@@ -123,8 +128,9 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
     parent = multiprocessing.parent_process()
     if parent is not None:
         exit_with_parent(parent.sentinel)  # so that nothing writes into the service's data folder afterwards
-    if hasattr(os, "nice"):
-        os.nice(NICE_INCREMENT)
+    # not at the top of this module, which the service imports too
+    import recognition.stepwise as _  # noqa: F401 (imports all of recognition, so that no task waits for it)
+
     pipe.send(Ready())
     if not pipe.poll(WARM_UP_DELAY_S):
         _warm_up_drawing()
@@ -145,7 +151,7 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
             return
 
 
-def _run_task(task: Task, pipe: Connection) -> Recognition | None:
+def _run_task(task: Task, pipe: Connection) -> "Recognition | None":
     """Run a task and send its outcome. Return None if it failed."""
     try:
         recognition = _recognise(task, pipe, lambda name: pipe.send(Stage(name)))
@@ -169,7 +175,7 @@ def _run_task(task: Task, pipe: Connection) -> Recognition | None:
     return None
 
 
-def _draw_preview(recognition: Recognition, preview: Path) -> None:
+def _draw_preview(recognition: "Recognition", preview: Path) -> None:
     try:
         write_preview(recognition, preview)
     except Exception:  # the result is valid without a preview
@@ -177,7 +183,7 @@ def _draw_preview(recognition: Recognition, preview: Path) -> None:
         preview.unlink(missing_ok=True)  # a full disk leaves an incomplete file
 
 
-def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> Recognition:
+def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> "Recognition":
     if isinstance(task.source, Path):
         on_stage(READING)
         recording = read_recording(task.source)
@@ -205,7 +211,7 @@ def _recognise_views(
     missing: Sequence[Finding],
     on_stage: OnStage | None,
     on_check: Callable[[ViewCheck], None] | None = None,
-) -> Recognition:
+) -> "Recognition":
     return recognise_views(
         views,
         header,

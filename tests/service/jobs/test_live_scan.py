@@ -240,7 +240,7 @@ def test_an_arm_that_is_released_after_a_stop_is_not_reported_as_home(cell: Live
 def test_a_stop_during_a_capture_keeps_camera_and_recognition_for_the_next_scan(
     cell: LiveCell, finished: Finished, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The camera is suspended in a capture, which no stop interrupts, for longer than a stopped scan may take to end."""
+    """The camera is suspended in a capture, which no stop interrupts, for longer than the stopped scan may take."""
     grace_s = 2.0  # enough for a busy machine
     monkeypatch.setattr("service.jobs.manager.GRACE_S", grace_s)
     cell.is_well()
