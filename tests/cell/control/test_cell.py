@@ -410,6 +410,32 @@ def test_a_stop_after_planning_prevents_the_move(cell: Cell, tmp_path: Path) -> 
     assert cell.status.state == "ready"
 
 
+def test_after_a_stop_the_camera_stays_connected_and_nothing_moves_until_the_next_scan(
+    cell: Cell, tmp_path: Path
+) -> None:
+    camera, prepared = cell.camera.pid, prepared_scan(cell)
+    with closing(controller(cell)) as admin, slow(cell, 0.1):
+
+        def stopped() -> None:
+            with (
+                RecordingWriter(tmp_path / "scan.mcap", prepared.header) as writer,
+                cell.run(prepared, writer, RecordingListener()) as views,
+            ):
+                next(iter(views))
+                cell.stop()
+                list(views)
+
+        with pytest.raises(StoppedError):
+            stopped()
+        begin = admin.state().events
+        assert cell.status.slug == "stopped"
+        assert cell.camera.info().device_id
+        cell.connect()
+        assert not [event for event in admin.log(begin) if event["kind"] in ("motion_start", "braking")]
+    assert len(scan(cell, tmp_path / "next.mcap", RecordingListener(), prepared_scan(cell, 2))) == 2
+    assert cell.camera.pid == camera
+
+
 def test_after_a_stop_at_home_the_cell_does_not_become_ready(cell: Cell, tmp_path: Path) -> None:
     prepared, changes = prepared_scan(cell, 2), []
     with (
