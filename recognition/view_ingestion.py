@@ -13,7 +13,7 @@ from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import MIN_VIEWS, exclusion_reason, select_views
-from recognition.registration.correspondences import Correspondences, find_correspondences
+from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
 from recognition.registration.registration import Registration
 
 
@@ -34,7 +34,7 @@ class IngestedViews:
     clouds: Sequence[NormalCloud]
     """Points with normals of the views that show a string."""
     correspondences: Sequence[Correspondences]
-    """Correspondences of each view in `clouds` with the earlier views in `clouds`."""
+    """Correspondences of each view in `clouds` with the nearest earlier views in `clouds`."""
     crowded: Mapping[int, TooCrowdedError]
     """Errors of the views with too many points for strings, by view index."""
     excluded: tuple[ViewQuality, ...]
@@ -46,7 +46,7 @@ class IngestedViews:
 def ingest_views(
     views: Iterable[DepthView], parameters: ChainParameters, scene: Scene, earlier: IngestedViews | None = None
 ) -> IngestedViews:
-    """Preprocess each view when it arrives, and find its correspondences with the earlier views.
+    """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
@@ -88,8 +88,9 @@ def ingest_views(
         except TooCrowdedError as error:
             crowded[target.view] = error
             continue
-        correspondences += find_correspondences(cloud, clouds, parameters)
         clouds.append(cloud)
+        compared = [clouds[k] for k in compared_earlier_views(clouds)]
+        correspondences += find_correspondences(cloud, compared, parameters)
     selection = select_views(targets)
     no_string_reason, excluded = None, selection.excluded
     if selection.no_string_reason is not None:

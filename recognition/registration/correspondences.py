@@ -15,11 +15,14 @@ MAX_DISTANCE_RADII = 1.0
 """Maximum distance between two corresponding points, in radii r."""
 MIN_COSINE = 0.7
 """Minimum cosine of the angle between the two normals. Surfaces that lie back to back are not the same surface."""
-MAX_FULL_SEARCHES = 7
-"""Maximum number of target views that are searched with all source points. With more target views, fewer source points
-are searched in each target view, so the time grows with the number of views and not with its square."""
-MIN_ANCHORS = 60
-"""Minimum number of source points for which a match is searched in a target view, however many views exist."""
+N_FULLY_COMPARED = 8
+"""Number of first views that are all compared with each other. Most scans have no more views."""
+MAX_EARLIER_VIEWS = 4
+"""Number of earlier views with which each further view is compared. Every view is compared with about twice as many,
+because later views are compared with it."""
+LOOK_AHEAD_M = 0.4
+"""Distance of the point in front of a camera that represents its viewing direction, metres. It is a usual working
+distance."""
 MIN_PAIRS = 20
 """Minimum number of point pairs of two overlapping views. Fewer pairs do not constrain the poses of the two views."""
 
@@ -42,6 +45,44 @@ class Correspondences:
     """(M,) cosine of the angle between the two normals of each pair."""
     n_searched: int
     """Number of source points for which a match was searched, with or without success."""
+
+
+def compared_earlier_views(clouds: Sequence[NormalCloud]) -> NDArray[np.intp]:
+    """Return the list indices (K,) of the earlier views with which the last view is compared.
+
+    They are the nearest earlier views by camera position and viewing direction, so the number of pairs is linear in the
+    number of views. The choice is made when a view arrives, and later views do not change it: the search then runs
+    while the arm moves. Since each view has an earlier partner, all views hang together in any order of arrival. The
+    nearest views among all, chosen after the last one, might form separate groups.
+
+    Args:
+        clouds: Views in the order of arrival, the last view included.
+    """
+    *earlier, last = clouds
+    if len(earlier) < N_FULLY_COMPARED:
+        return np.arange(len(earlier))
+    distances = np.linalg.norm(np.array([_viewpoint(cloud) for cloud in earlier]) - _viewpoint(last), axis=1)
+    return np.sort(np.argsort(distances, kind="stable")[:MAX_EARLIER_VIEWS])
+
+
+def compared_views(clouds: Sequence[NormalCloud]) -> NDArray[np.bool_]:
+    """Return the symmetric mask (V, V) of the views that are compared with each other.
+
+    Args:
+        clouds: The V views in the order of arrival.
+    """
+    is_compared = np.zeros((len(clouds), len(clouds)), dtype=np.bool_)
+    for k in range(len(clouds)):
+        is_compared[k, compared_earlier_views(clouds[: k + 1])] = True
+    return is_compared | is_compared.T
+
+
+def _viewpoint(cloud: NormalCloud) -> NDArray[np.float64]:
+    """Return the camera position and a point in front of the camera (6,). Without a pose, both are the mean point."""
+    if cloud.T_base_camera is None:
+        return np.tile(cloud.points.mean(axis=0), 2)
+    position = cloud.T_base_camera[:3, 3]
+    return np.concatenate([position, position + LOOK_AHEAD_M * cloud.T_base_camera[:3, 2]])
 
 
 def anchor_points(cloud: NormalCloud, max_anchors: int = MAX_ANCHORS) -> NDArray[np.intp]:
@@ -77,9 +118,7 @@ def find_correspondences(
     Returns:
         One item for each target view with at least `MIN_PAIRS` pairs, in the order of `others`.
     """
-    chosen = anchor_points(
-        cloud, max(max_anchors * MAX_FULL_SEARCHES // max(len(others), MAX_FULL_SEARCHES), MIN_ANCHORS)
-    )
+    chosen = anchor_points(cloud, max_anchors)
     T = np.eye(4) if T is None else T
     points, normals = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3], cloud.normals[chosen] @ T[:3, :3].T
     found = []

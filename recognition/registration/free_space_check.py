@@ -39,7 +39,13 @@ limit and `MAX_ROBOT_SIGMA`. If all views have large errors, the arm is inaccura
 MIN_DEPTH_M = 0.01
 """Minimum depth of a point that is checked, metres."""
 MAX_CHECKED_POINTS = 600
-"""Maximum number of points of each view that are checked, evenly spread."""
+"""Maximum number of points of each view that are checked in another view, evenly spread."""
+MAX_FULL_CHECKS = 7
+"""Maximum number of other views in which `MAX_CHECKED_POINTS` are checked. With more views, fewer points are checked in
+each, so the time is linear in the number of views. All pairs of views are still checked, because nearest views may
+agree although two halves of the views contradict each other, for example after the camera was moved."""
+MIN_CHECKED_POINTS = 60
+"""Minimum number of points of each view that are checked in another view, however many views exist."""
 
 
 def find_inconsistent_views(
@@ -117,7 +123,10 @@ def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParame
         It is zero if view i has no depth image, or if view i does not see the surface of view j.
     """
     n_views = len(clouds)
-    anchors = [anchor_points(cloud, MAX_CHECKED_POINTS) for cloud in clouds]
+    n_checked_points = max(
+        MAX_CHECKED_POINTS * MAX_FULL_CHECKS // max(n_views - 1, MAX_FULL_CHECKS), MIN_CHECKED_POINTS
+    )
+    anchors = [anchor_points(cloud, n_checked_points) for cloud in clouds]
     points = np.vstack([cloud.points[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     normals = np.vstack([cloud.normals[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     view = np.repeat(np.arange(n_views), [len(chosen) for chosen in anchors])

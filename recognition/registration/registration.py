@@ -15,7 +15,7 @@ from recognition.model.findings import Finding, finding
 from recognition.model.quality import ExclusionReason, ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import Correspondences, find_correspondences
+from recognition.registration.correspondences import Correspondences, compared_views, find_correspondences
 from recognition.registration.free_space_check import find_inconsistent_views
 from recognition.registration.fusion import merge_clouds
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate, estimate_hand_eye_error
@@ -67,10 +67,10 @@ def register(
     Views that contradict the other views are excluded, and the remaining views are aligned again.
 
     Args:
-        clouds: Points with normals of each view, at the given pose, base frame.
+        clouds: Points with normals of each view, at the given pose, base frame, in the order of arrival.
         parameters: Method parameters; uses the radius r.
-        correspondences: Correspondences of each view with the earlier views, from `find_correspondences`. None: they
-            are searched here.
+        correspondences: Correspondences of each view with the earlier views of `compared_views`, from
+            `find_correspondences`. None: they are searched here.
         sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
 
     Returns:
@@ -84,24 +84,28 @@ def register(
         Section II.E. The joint least squares, the prior and the checks are not in the paper.
     """
     sigmas = sigmas or PoseSigmas()
-    clouds = sorted(clouds, key=lambda cloud: cloud.view)
+    order = np.argsort([cloud.view for cloud in clouds])
+    is_compared = compared_views(clouds)[np.ix_(order, order)]
+    clouds = [clouds[k] for k in order]
     if correspondences is None:
-        correspondences = _find_all_correspondences(clouds, parameters)
+        correspondences = _find_all_correspondences(clouds, is_compared, parameters)
     centre = np.vstack([cloud.points for cloud in clouds]).mean(axis=0)
 
-    alignment, registered = _align(clouds, correspondences, centre, parameters, sigmas)
+    alignment, registered = _align(clouds, correspondences, is_compared, centre, parameters, sigmas)
 
     reasons = find_inconsistent_views(registered, alignment.robot_errors, parameters)
-    used = [cloud for cloud in clouds if cloud.view not in reasons]
+    kept = [k for k, cloud in enumerate(clouds) if cloud.view not in reasons]
+    used = [clouds[k] for k in kept]
     if reasons:
+        is_compared = is_compared[np.ix_(kept, kept)]
         correspondences = _exclude_views(correspondences, reasons)
-        alignment, registered = _align(used, correspondences, centre, parameters, sigmas)
+        alignment, registered = _align(used, correspondences, is_compared, centre, parameters, sigmas)
     drift = _find_drift(alignment.hand_eye_error, sigmas)
 
     looser_sigmas = _loosen_sigmas(sigmas, alignment.robot_errors)
     if looser_sigmas is not None:
         sigmas = looser_sigmas
-        alignment, registered = _align(used, correspondences, centre, parameters, sigmas)
+        alignment, registered = _align(used, correspondences, is_compared, centre, parameters, sigmas)
 
     points, normals = merge_clouds(registered, parameters)
     qualities = evaluate_fitness(used, registered, parameters) + _excluded_qualities(clouds, reasons)
@@ -128,22 +132,28 @@ def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
     )
 
 
-def _find_all_correspondences(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> list[Correspondences]:
-    """Return the correspondences of each view with the earlier views."""
-    return [
-        overlap for k, cloud in enumerate(clouds) for overlap in find_correspondences(cloud, clouds[:k], parameters)
-    ]
+def _find_all_correspondences(
+    clouds: Sequence[NormalCloud], is_compared: NDArray[np.bool_], parameters: ChainParameters
+) -> list[Correspondences]:
+    """Return the correspondences of each view with the earlier views that it is compared with."""
+    found: list[Correspondences] = []
+    for k, cloud in enumerate(clouds):
+        others = [clouds[j] for j in np.flatnonzero(is_compared[k, :k]).tolist()]
+        found += find_correspondences(cloud, others, parameters)
+    return found
 
 
 def _align(
     clouds: Sequence[NormalCloud],
     correspondences: Sequence[Correspondences],
+    is_compared: NDArray[np.bool_],
     centre: NDArray[np.float64],
     parameters: ChainParameters,
     sigmas: PoseSigmas,
 ) -> tuple[Alignment, list[NormalCloud]]:
     """Return the alignment of the views, and the clouds at their aligned poses."""
-    alignment = align_views(clouds, correspondences, centre, pose_prior(clouds, centre, sigmas), parameters)
+    prior = pose_prior(clouds, centre, sigmas)
+    alignment = align_views(clouds, correspondences, is_compared, centre, prior, parameters)
     corrections = correction_transforms(alignment.twists, centre)
     return alignment, [transform_cloud(cloud, T) for cloud, T in zip(clouds, corrections, strict=True)]
 

@@ -15,7 +15,7 @@ from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.correspondences import Correspondences
+from recognition.registration.correspondences import Correspondences, compared_views
 from recognition.view_ingestion import ingest_views
 
 
@@ -37,6 +37,18 @@ def test_each_view_is_paired_with_those_before_it(scan: SimulatedScan, scene: Sc
     for cloud, target in zip(ingested.clouds, ingested.targets, strict=True):
         np.testing.assert_array_equal(cloud.T_correction, target.T_table_alignment)
         assert cloud.image is target.image is scan.views[cloud.view]
+
+
+def test_a_further_view_is_paired_with_the_nearest_of_those_before_it(table_1: ChainParameters) -> None:
+    scan = simulate(make_scene("arc", 1), camera_model("ideal", (160, 100)), 1, views=12)
+    arrived = [scan.views[k] for k in np.random.default_rng(0).permutation(12)]
+    ingested = ingest_views(arrived, table_1, Scene(0.0, scan.header.workspace_m))
+    assert [cloud.view for cloud in ingested.clouds] == [view.index for view in arrived]
+    position = {cloud.view: k for k, cloud in enumerate(ingested.clouds)}
+    found = {(position[pair.source_view], position[pair.target_view]) for pair in ingested.correspondences}
+    # All views of this scene overlap.
+    assert found == set(zip(*np.nonzero(np.tril(compared_views(ingested.clouds))), strict=True))
+    assert len(found) == 28 + 4 * 4
 
 
 def test_a_view_is_ingested_before_the_next_is_requested(

@@ -12,6 +12,7 @@ from recognition.errors import ContradictingViewsError
 from recognition.model.quality import ExclusionReason
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.registration import free_space_check
 from recognition.registration.free_space_check import (
     MAX_ROBOT_SIGMA,
     find_inconsistent_views,
@@ -87,6 +88,37 @@ def test_without_a_majority_there_is_no_answer(table_1: ChainParameters, places:
     with pytest.raises(ContradictingViewsError, match=r"views [0-9] and [0-9] contradict each other") as caught:
         inconsistent([strip(k, y) for k, y in enumerate(places)], table_1)
     assert caught.value.slug == "contradicting-views"
+
+
+def test_the_number_of_checked_points_is_linear_in_the_number_of_views(
+    table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checked: list[int] = []
+    check = free_space_check._check_points
+
+    def counted(
+        cloud: NormalCloud, points: np.ndarray, normals: np.ndarray, radius: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        checked.append(len(points))
+        return check(cloud, points, normals, radius)
+
+    monkeypatch.setattr(free_space_check, "_check_points", counted)
+    cloud = strip(0, 0.0)
+    total = {}
+    for count in (8, 16, 32):
+        checked.clear()
+        free_space_violations([replace(cloud, view=k) for k in range(count)], table_1)
+        total[count] = sum(checked)
+    assert total[16] < 2.3 * total[8]
+    assert total[32] < 2.3 * total[16]
+
+
+def test_wrong_views_among_many_are_excluded(table_1: ChainParameters) -> None:
+    # A shift of 20 mm along the strip, and two halves of the views that contradict each other.
+    clouds = [strip(k, 0.0, (-0.08, 0.12) if k in (3, 20) else (-0.1, 0.1)) for k in range(32)]
+    assert sorted(inconsistent(clouds, table_1)) == [3, 20]
+    with pytest.raises(ContradictingViewsError):
+        inconsistent([strip(k, 0.02 if k < 16 else 0.0) for k in range(32)], table_1)
 
 
 def test_views_excluded_for_their_robot_error_count_against_the_majority(table_1: ChainParameters) -> None:

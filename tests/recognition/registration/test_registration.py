@@ -17,7 +17,7 @@ from cell.simulation.scenes.scenes import make_scene
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.correspondences import find_correspondences
+from recognition.registration.correspondences import compared_earlier_views, find_correspondences
 from recognition.registration.pose_prior import PoseSigmas, twist_about
 from recognition.registration.registration import MAX_HAND_EYE_ERROR_SIGMA, Registration, register, transform_cloud
 from recognition.view_ingestion import ingest_views
@@ -37,7 +37,7 @@ def views_of(tube: Callable, curve: np.ndarray, r: float, twists: np.ndarray) ->
         rng = np.random.default_rng(k)
         # Not the same points in every view.
         shifted = curve + np.gradient(curve, axis=0) * rng.uniform(-0.5, 0.5)
-        points, normals = tube(shifted, r, *SIDES[k], around=18)
+        points, normals = tube(shifted, r, *SIDES[k % len(SIDES)], around=18)
         cloud = NormalCloud(k, points + 0.0001 * rng.standard_normal(points.shape), normals, np.eye(4))
         clouds.append(replace(transform_cloud(cloud, about(twist, curve.mean(axis=0))), T_correction=np.eye(4)))
     return clouds
@@ -175,6 +175,44 @@ def test_registered_views_are_never_worse_and_as_good_as_their_covariance(
     assert np.mean(after) < 0.3 * np.mean(before)
     # The errors of these points are independent. The covariance assumes correlated errors of a camera and is larger.
     assert 0.05 < np.mean(squared) < 1.2
+
+
+def test_many_views_are_as_good_as_their_covariance(table_1: ChainParameters, tube: Callable) -> None:
+    # Each of 24 views is compared with about eight others. It is known as well as one of eight views, relative to the
+    # other views.
+    sigma = np.repeat([PoseSigmas().robot_rad, PoseSigmas().robot_m], 3)
+    centre = BENT.mean(axis=0)
+    spread, squared = {}, []
+    for count in (8, 24):
+        twists = np.random.default_rng(count).standard_normal((count, 6)) * sigma
+        registration = register(views_of(tube, BENT, table_1.r, twists), table_1)
+        relative = np.kron(np.eye(count) - 1 / count, np.eye(6))
+        covariance = relative @ registration.covariance @ relative.T
+        spread[count] = np.sqrt(np.diag(covariance).reshape(count, 6)[:, 3:].sum(axis=1).mean())
+        left = relative @ np.concatenate(
+            [
+                twist_about(cloud.T_correction @ about(twist, centre), registration.centre)
+                for cloud, twist in zip(registration.clouds, twists, strict=True)
+            ]
+        )
+        squared.append(left @ np.linalg.pinv(covariance, rcond=1e-9) @ left / (6 * (count - 1)))
+    assert spread[24] == pytest.approx(spread[8], rel=0.25)
+    assert 0.05 < min(squared) < max(squared) < 1.2
+
+
+def test_views_that_arrive_in_another_order_are_registered_as_well(table_1: ChainParameters, tube: Callable) -> None:
+    clouds = views_of(tube, BENT, table_1.r, pose_errors(5, 12))
+    arrived = [clouds[k] for k in np.random.default_rng(0).permutation(12)]
+    pairs = []
+    for k, cloud in enumerate(arrived):
+        earlier = [arrived[j] for j in compared_earlier_views(arrived[: k + 1])]
+        pairs += find_correspondences(cloud, earlier, table_1)
+    registration = register(arrived, table_1, pairs)
+    assert [cloud.view for cloud in registration.clouds] == list(range(12))
+    in_order = register(clouds, table_1)
+    assert surface_error(registration, BENT, table_1.r) == pytest.approx(
+        surface_error(in_order, BENT, table_1.r), rel=0.1
+    )
 
 
 def apart(twists: np.ndarray) -> float:
