@@ -1,11 +1,12 @@
 """Tube fit on exact tubes: the surface lies one radius from the lines."""
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from recognition.refinement.tube_fit import TubeFit
+from recognition.refinement.tube_fit import BEND_SIGMA_RADII, N_BANDS, TubeFit
 
 R = 0.0042
 STEP = 0.7 * R
@@ -103,6 +104,31 @@ def test_support_is_where_the_surface_is(tube: Callable, straight: Callable) -> 
     # A point stands for 2.94 mm of a surface of 24 points each mm.
     seen_ = (x > STEP) & (x < 0.1 - STEP) & (np.abs(x - 0.05) > 0.01 + STEP)
     np.testing.assert_allclose(support[seen_], 24 * STEP / 0.001, rtol=0.25)
+
+
+def test_the_banded_normal_matrix_is_the_sparse_product(seen: Callable, heap: Callable) -> None:
+    surface, normals = seen(list(heap((0, 60), 2 * R)), noise=0.05 * R)
+    # Lines of different lengths, at an oblique direction, one of them with only two points.
+    lines = [curve[::4] for curve in heap((7, 70), 2 * R)]
+    fit = TubeFit([lines[0], lines[1][:9], line((0.2, 0, R), (0.2 + 0.7 * R, 0, R))], R, surface, normals)
+    assigned = fit.assign()
+    weight = np.random.default_rng(0).uniform(0, 1e9, len(assigned.point))
+    J, D = np.zeros((len(assigned.point), len(fit.points), 3)), np.zeros((0, len(fit.points)))
+    rows = np.arange(len(J))
+    J[rows, assigned.link] = -(1 - assigned.fraction[:, None]) * assigned.outward
+    J[rows, assigned.link + 1] = -assigned.fraction[:, None] * assigned.outward
+    J = J.reshape(len(J), -1)
+    for first, end in itertools.pairwise(fit.starts):
+        inner = np.eye(len(fit.points))[first + 1 : end - 1]
+        D = np.vstack([D, np.roll(inner, -1, axis=1) - 2 * inner + np.roll(inner, 1, axis=1)])
+    bending = np.kron(D.T @ D, np.eye(3)) * (BEND_SIGMA_RADII * R) ** -2.0
+    bands, gradient, border = fit._normal_equations(assigned, weight)
+    A = J.T @ (weight[:, None] * J) + bending
+    banded = sum(np.diag(bands[N_BANDS - k, k:], k) for k in range(N_BANDS + 1))
+    np.testing.assert_allclose(banded, np.triu(A), rtol=1e-12, atol=1e-12 * A.max())
+    expected = J.T @ (weight * assigned.residual) + bending @ fit.points.ravel()
+    np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(border, -(J.T @ weight), rtol=1e-12, atol=1e-12 * weight.sum())
 
 
 def test_where_nothing_is_seen_the_line_stays_smooth(tube: Callable, arc: Callable) -> None:
