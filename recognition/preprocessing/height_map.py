@@ -169,7 +169,7 @@ def merge_layers(layers: Sequence[HeightLayer], T_registration: Mapping[int, NDA
     begin = np.where(end - begin > size, np.maximum(begin, middle.astype(np.int64) - size // 2), begin)
     end = np.minimum(end, begin + size)
     rows, columns = ((np.arange(a, b) + 0.5) * CELL_M for a, b in zip(begin, end, strict=True))
-    stack = np.full((len(rows), len(columns), len(layers)), np.nan, dtype=np.float32)
+    stack = np.empty((len(layers), len(rows), len(columns)), dtype=np.float32)
     for number, layer in enumerate(layers):
         T = np.linalg.inv(T_registration[layer.view])
         # Each coordinate in the layer is a term in x plus a term in y.
@@ -179,7 +179,8 @@ def merge_layers(layers: Sequence[HeightLayer], T_registration: Mapping[int, NDA
             - (layer.first[k] - 1)
             for k in range(2)
         )
-        stack[:, :, number] = heights[np.clip(i, 0, heights.shape[0] - 1), np.clip(j, 0, heights.shape[1] - 1)]
+        i, j = np.clip(i, 0, heights.shape[0] - 1), np.clip(j, 0, heights.shape[1] - 1)
+        stack[number] = heights.take(i * np.int32(heights.shape[1]) + j)
     return HeightMap(float(begin[0]) * CELL_M, float(begin[1]) * CELL_M, CELL_M, _median(stack))
 
 
@@ -222,10 +223,8 @@ def _points_in_grid(
 
 
 def _median(stack: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the median (M, N) of the finite values of each cell of `stack` (M, N, V); NaN without one."""
-    ordered = np.sort(stack, axis=-1)  # NaN last
-    last = np.maximum(np.isfinite(stack).sum(axis=-1) - 1, 0)
-    low, high = (last // 2)[..., None], ((last + 1) // 2)[..., None]
-    return (np.take_along_axis(ordered, low, axis=-1) + np.take_along_axis(ordered, high, axis=-1))[
-        ..., 0
-    ] * np.float32(0.5)
+    """Return the median (M, N) of the finite values of each cell of `stack` (V, M, N); NaN without one."""
+    ordered = np.sort(stack, axis=0)  # NaN last
+    last = np.maximum(np.isfinite(stack).sum(axis=0) - 1, 0)
+    low, high = (np.take_along_axis(ordered, index[None], axis=0)[0] for index in (last // 2, (last + 1) // 2))
+    return (low + high) * np.float32(0.5)

@@ -38,32 +38,40 @@ def evaluate_fitness(
     T_unregistered = [
         cloud.T_correction @ inverse(moved.T_correction) for cloud, moved in zip(clouds, registered, strict=True)
     ]
-    qualities = []
-    for k, view in enumerate(registered):
-        anchors = anchor_points(view, MAX_FITNESS_POINTS)
-        points, normals = view.points[anchors], view.normals[anchors]
-        nearest_distance, residual = np.full(len(anchors), np.inf), np.zeros(len(anchors))
-        for j in _partners(k, len(registered)):
-            distance, nearest = clouds[j].tree.query(
-                transform_points(T_unregistered[j], points), distance_upper_bound=parameters.r
-            )
-            nearer = np.flatnonzero(np.asarray(distance) < nearest_distance)
-            partner = np.asarray(nearest)[nearer]
-            partner_normals = registered[j].normals[partner]
-            is_aligned = np.vecdot(normals[nearer], partner_normals) > MIN_COSINE
-            nearer, partner, partner_normals = nearer[is_aligned], partner[is_aligned], partner_normals[is_aligned]
-            normal = normals[nearer] + partner_normals
-            offset = points[nearer] - registered[j].points[partner]
-            nearest_distance[nearer] = np.asarray(distance)[nearer]
-            residual[nearer] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
-        qualities.append(_view_quality(view, residual[np.isfinite(nearest_distance)], len(anchors)))
-    return qualities
+    anchors = [anchor_points(view, MAX_FITNESS_POINTS) for view in registered]
+    ends = np.cumsum([len(chosen) for chosen in anchors])
+    points = np.vstack([view.points[chosen] for view, chosen in zip(registered, anchors, strict=True)])
+    normals = np.vstack([view.normals[chosen] for view, chosen in zip(registered, anchors, strict=True)])
+    is_partner = _partners(len(registered))
+    nearest_distance, residual = np.full(len(points), np.inf), np.zeros(len(points))
+    for j, other in enumerate(registered):
+        # One search for the anchor points of all views that are compared with view j.
+        compared = np.flatnonzero(np.repeat(is_partner[:, j], np.diff(ends, prepend=0)))
+        distance, nearest = clouds[j].tree.query(
+            transform_points(T_unregistered[j], points[compared]), distance_upper_bound=parameters.r
+        )
+        is_nearer = np.asarray(distance) < nearest_distance[compared]
+        nearer, distance, partner = compared[is_nearer], np.asarray(distance)[is_nearer], np.asarray(nearest)[is_nearer]
+        is_aligned = np.vecdot(normals[nearer], other.normals[partner]) > MIN_COSINE
+        nearer, distance, partner = nearer[is_aligned], distance[is_aligned], partner[is_aligned]
+        normal = normals[nearer] + other.normals[partner]
+        offset = points[nearer] - other.points[partner]
+        nearest_distance[nearer] = distance
+        residual[nearer] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
+    own = [slice(end - len(chosen), end) for end, chosen in zip(ends, anchors, strict=True)]
+    return [
+        _view_quality(view, residual[rows][np.isfinite(nearest_distance[rows])], rows.stop - rows.start)
+        for view, rows in zip(registered, own, strict=True)
+    ]
 
 
-def _partners(view: int, n_views: int) -> list[int]:
-    """Return the list indices of up to `MAX_PARTNERS` other views, evenly spread."""
-    others = [k for k in range(n_views) if k != view]
-    return [others[int(k)] for k in np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others)))]
+def _partners(n_views: int) -> NDArray[np.bool_]:
+    """Return the mask (V, V) of up to `MAX_PARTNERS` other views for each view, evenly spread."""
+    is_partner = np.zeros((n_views, n_views), dtype=np.bool_)
+    for view in range(n_views):
+        others = np.delete(np.arange(n_views), view)
+        is_partner[view, others[np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others))).astype(np.intp)]] = True
+    return is_partner
 
 
 def _view_quality(view: NormalCloud, residuals: NDArray[np.float64], n_anchors: int) -> ViewQuality:
