@@ -216,7 +216,14 @@ def recognise(
         graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters)
 
         timer.begin("refinement")
-        refinement = refine(graph.strands, registration.points, registration.normals, parameters, support)
+        refinement = refine(
+            graph.strands,
+            registration.points,
+            registration.normals,
+            parameters,
+            support,
+            views=registration.clouds,
+        )
 
         timer.begin("topology")
         assembly = assemble_fitted_chains(refinement, registration, occlusion_map, scene, parameters, support)

@@ -42,7 +42,6 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
         (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if fewer than
         `MIN_END_POINTS` surface points lie around the parabola, or if fewer than three line points would remain.
     """
-    s = arc_length(line)
     terms = fit_end_parabola(line, END_FIT_RADII * r, r)
     direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
     is_near = np.linalg.norm(surface - terms[0], axis=1) < (MAX_EXTENSION_RADII + 2) * r
@@ -54,14 +53,29 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
     distance = np.linalg.norm(across, axis=1)
     is_around = (distance > 0.6 * r) & (distance < 1.35 * r) & ((across * normal).sum(axis=1) > 0.6 * distance)
     seen = np.sort(along[is_around & (along > -2 * r) & (along < MAX_EXTENSION_RADII * r)])
-    spacing = float(np.median(np.diff(s)))
-    if len(seen) < MIN_END_POINTS or spacing <= 0:
+    if len(seen) < MIN_END_POINTS or float(np.median(np.diff(arc_length(line)))) <= 0:
         return line
     holes = np.flatnonzero(np.diff(seen) > MAX_HOLE_RADII * r)
     if len(holes):
         seen = seen[: holes[0] + 1]
     last = seen[seen > seen[-1] - 2 * r]
-    end = float(np.percentile(last, EDGE_PERCENTILE))
+    return move_end(line, terms, float(np.percentile(last, EDGE_PERCENTILE)), r)
+
+
+def move_end(line: Points, terms: Points, end: float, r: float) -> Points:
+    """Extend or shorten a centre line at its first point. The spacing of the points stays about the same.
+
+    Args:
+        line: (N, 3) centre line, metres.
+        terms: (3, 3) parabola through the first part of the line, as `fit_end_parabola` returns it.
+        end: Distance of the new end beyond the first point, metres; negative shortens the line.
+        r: Radius of the string, metres.
+
+    Returns:
+        (K, 3) centre line from the new end. The line is unchanged if fewer than three points would remain.
+    """
+    s = arc_length(line)
+    spacing = float(np.median(np.diff(s)))
     kept = line[s > max(-end, 0.0) + 0.5 * spacing]
     # The added points lie on the parabola in even steps, from the end of the string to the first kept point.
     count = max(int(np.ceil((s[len(line) - len(kept)] + end) / spacing - 0.5)), 1) if len(kept) else 1

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.cross_section import CrossSections, measure_cross_sections
+from recognition.refinement.end_in_images import localise_end_in_images, other_strand_points
 from recognition.refinement.end_localisation import localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
 from recognition.refinement.tube_fit import Assignment, TubeFit
@@ -91,6 +93,7 @@ def refine(
     parameters: ChainParameters,
     support: SupportSurface | None = None,
     max_merges: int = MAX_MERGES,
+    views: Sequence[NormalCloud] = (),
 ) -> Refinement:
     """Fit the strands to the surface: measure radii, localise ends and measure cross-sections.
 
@@ -104,6 +107,8 @@ def refine(
         parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
         support: What the strings rest on. None means a table at z = 0.
         max_merges: Maximum number of passes that merge overlapping ends.
+        views: Registered views. Their depth images show the ends of the strings. Without views, an end is where the
+            surface ends.
 
     Returns:
         The fitted strands, the strand index of each surface point, and the scatter of the surface about the tubes. The
@@ -125,7 +130,8 @@ def refine(
 
     merged = merge_overlapping_ends(_replace_lines(strands, lines), parameters) if max_merges else None
     if merged is not None:
-        return refine(merged, surface, normals, parameters, support, max_merges - 1)
+        return refine(merged, surface, normals, parameters, support, max_merges - 1, views)
+    lines = _localise_ends_in_images(strands, lines, radii, views)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
@@ -184,6 +190,19 @@ def _localise_ends(
             is_own = (strand_of_point == k) | (strand_of_point < 0)
             line = localise_end(lines[k], surface[is_own], normals[is_own], radii[k])
             localised[k] = localise_end(line[::-1], surface[is_own], normals[is_own], radii[k])[::-1]
+    return localised
+
+
+def _localise_ends_in_images(
+    strands: Sequence[Strand], lines: Sequence[Points], radii: NDArray[np.float64], views: Sequence[NormalCloud]
+) -> list[Points]:
+    """Move the two ends of each open line to where the depth images show them. Closed lines are unchanged."""
+    localised = list(lines)
+    for k, strand in enumerate(strands):
+        for _ in range(0 if strand.closed else 2):
+            others = other_strand_points(localised, k, radii[k])
+            # Each pass treats the first point and turns the line round.
+            localised[k] = localise_end_in_images(localised[k], views, others, radii[k])[::-1]
     return localised
 
 

@@ -18,6 +18,14 @@ Points = NDArray[np.float64]
 
 BEND_SIGMA_RADII = 1 / 38
 """Standard deviation of the second difference of three neighbouring points, in radii r. It sets the bending penalty."""
+END_BEND_POINTS = 3
+"""Number of second differences at each end of a line whose penalty is reduced."""
+END_BEND_FACTOR = 2.0
+"""Factor of the standard deviation at the ends of a line.
+
+An end has surface on one side only. The full penalty turns the last part of a bent line straight, and displaces the end
+across by up to 4 mm where the surface is noisy. A larger factor makes the ends of repeated scans differ more.
+"""
 MAX_RESIDUAL_RADII = 0.6
 """Maximum distance between a tube and a surface point that belongs to the tube, in radii r."""
 MIN_NORMAL_COSINE = 0.5
@@ -89,7 +97,8 @@ class TubeFit:
         self._is_link = np.ones(len(self.points), dtype=bool)
         self._is_link[self.starts[1:] - 1] = False
         self._inner = np.setdiff1d(np.arange(len(self.points)), np.concatenate([self.starts[:-1], self.starts[1:] - 1]))
-        self._bending_bands = _bending_bands(self._inner, len(self.points), r)
+        self._bending_weights = _bending_weights(self._inner, self.starts, r)
+        self._bending_bands = _bending_bands(self._inner, self._bending_weights, len(self.points))
 
     @property
     def lines(self) -> list[Points]:
@@ -233,8 +242,8 @@ class TubeFit:
         second = sum(coefficient * self.points[point] for coefficient, point in neighbours)
         gradient = np.zeros_like(self.points)
         for coefficient, point in neighbours:
-            gradient[point] += coefficient * second
-        return gradient.ravel() * (BEND_SIGMA_RADII * self.r) ** -2.0
+            gradient[point] += coefficient * self._bending_weights[:, None] * second
+        return gradient.ravel()
 
 
 def _dot(a: Points, b: Points) -> NDArray[np.float64]:
@@ -242,13 +251,26 @@ def _dot(a: Points, b: Points) -> NDArray[np.float64]:
     return np.einsum("ij,ij->j", a, b)
 
 
-def _bending_bands(inner: NDArray[np.int64], count: int, r: float) -> Points:
+def _bending_weights(inner: NDArray[np.int64], starts: NDArray[np.int64], r: float) -> NDArray[np.float64]:
+    """Return the weights of the squared second differences at the points `inner`, smaller near the ends of a line.
+
+    Line k has the points `starts[k]` to `starts[k + 1]` - 1.
+    """
+    line = np.searchsorted(starts, inner, side="right") - 1
+    to_end = np.minimum(inner - starts[line], starts[line + 1] - 1 - inner)
+    sigma = BEND_SIGMA_RADII * r * np.where(to_end <= END_BEND_POINTS, END_BEND_FACTOR, 1.0)
+    return sigma**-2.0
+
+
+def _bending_bands(inner: NDArray[np.int64], weights: NDArray[np.float64], count: int) -> Points:
     """Return the information matrix (3N, 3N) of the bending penalty, in upper bands (N_BANDS + 1, 3N).
 
-    `inner` are the points of the lines that are no ends, among `count` points.
+    `inner` are the points of the lines that are no ends, among `count` points, and `weights` those of their second
+    differences.
     """
     bands = np.zeros((N_BANDS + 1, count, 3))
     for a in range(3):
         for b in range(a + 1):
-            bands[N_BANDS - 3 * (a - b), inner + a - 1] += SECOND_DIFFERENCE[a] * SECOND_DIFFERENCE[b]
-    return bands.reshape(N_BANDS + 1, -1) * (BEND_SIGMA_RADII * r) ** -2.0
+            products = SECOND_DIFFERENCE[a] * SECOND_DIFFERENCE[b] * weights
+            bands[N_BANDS - 3 * (a - b), inner + a - 1] += products[:, None]
+    return bands.reshape(N_BANDS + 1, -1)

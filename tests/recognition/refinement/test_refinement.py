@@ -68,6 +68,18 @@ def test_bends_do_not_draw_it_inwards_nor_one_side_upwards(seen: Callable, off_l
     assert end_errors(fitted, curve).max() < 0.3 * R
 
 
+def test_the_end_of_a_bent_string_is_not_turned_straight(seen: Callable, arc: Callable) -> None:
+    curve = arc(0.025, 0, 150)
+    errors = []
+    for seed in range(10):
+        # A sparse and noisy surface, as four steep views from far away measure it.
+        points, normals = seen([curve], noise=0.2 * R, seed=seed)
+        fitted = only(curve[::4], (points[::4], normals[::4]))
+        errors += [np.linalg.norm(curve - end, axis=1).min() for end in fitted.points[[0, -1]]]
+    # With the full bending penalty up to the ends, it is 0.45 r.
+    assert np.mean(errors) < 0.35 * R
+
+
 @pytest.mark.parametrize("cut", [-1.5, -0.5, 0.5, 1.5])
 def test_ends_are_neither_shortened_nor_run_past(seen: Callable, off_line: Callable, cut: float) -> None:
     curve = wave()

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.refinement.tube_fit import BEND_SIGMA_RADII, N_BANDS, TubeFit
+from recognition.refinement.tube_fit import BEND_SIGMA_RADII, END_BEND_FACTOR, END_BEND_POINTS, N_BANDS, TubeFit
 
 R = 0.0042
 STEP = 0.7 * R
@@ -120,6 +120,8 @@ def test_the_banded_normal_matrix_is_the_sparse_product(seen: Callable, heap: Ca
     J = J.reshape(len(J), -1)
     for first, end in itertools.pairwise(fit.starts):
         inner = np.eye(len(fit.points))[first + 1 : end - 1]
+        from_end = np.minimum(np.arange(1, len(inner) + 1), np.arange(len(inner), 0, -1))
+        inner = inner / np.where(from_end <= END_BEND_POINTS, END_BEND_FACTOR, 1.0)[:, None]
         D = np.vstack([D, np.roll(inner, -1, axis=1) - 2 * inner + np.roll(inner, 1, axis=1)])
     bending = np.kron(D.T @ D, np.eye(3)) * (BEND_SIGMA_RADII * R) ** -2.0
     bands, gradient, border = fit._normal_equations(assigned, weight)
