@@ -103,6 +103,9 @@ class HeightMap:
         outer = inner_m + BESIDE_M
         steps = np.arange(-np.ceil(outer / self.cell_m), np.ceil(outer / self.cell_m) + 1)
         offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+        # A cell is within one diagonal of the position that its offset is measured from.
+        length, diagonal = np.linalg.norm(offsets, axis=1) * self.cell_m, np.sqrt(2) * self.cell_m
+        offsets = offsets[(length > inner_m - diagonal) & (length < outer + diagonal)]
         from_corner = (points - (self.x_m, self.y_m)) / self.cell_m
         cells = (np.floor(from_corner)[:, None] + offsets).astype(np.int64)
         distance = np.linalg.norm(cells + 0.5 - from_corner[:, None], axis=-1) * self.cell_m

@@ -157,8 +157,8 @@ def _check_points(
     u = (x + dx) / z * K[0, 0] + K[0, 2] + 0.5
     v = (y + dy) / z * K[1, 1] + K[1, 2] + 0.5
     is_inside = (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])
-    measured_z = np.zeros(u.shape)
-    measured_z[is_inside] = depth[v[is_inside].astype(np.intp), u[is_inside].astype(np.intp)] * cloud.image.depth_unit_m
+    pixel = np.where(is_inside, v, 0).astype(np.intp) * depth.shape[1] + np.where(is_inside, u, 0).astype(np.intp)
+    measured_z = depth.take(pixel) * cloud.image.depth_unit_m * is_inside
     is_measured = measured_z > 0
     is_checked = is_measured[0] & (is_measured.sum(axis=0) >= MIN_MEASURED)
     is_free = is_checked & (~is_measured | (measured_z > z + radius)).all(axis=0)

@@ -92,24 +92,25 @@ def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) 
     `weights` (N,) are the numbers of centre points that the nodes represent.
     """
     i, j = neighbour_pairs(nodes.points, np.hypot(ALONG_RADII, 1.0) * r)
-    # `take` copies rows several times faster than indexing.
-    offset = nodes.points.take(j, axis=0) - nodes.points.take(i, axis=0)
-    direction, other_direction = nodes.directions.take(i, axis=0), nodes.directions.take(j, axis=0)
-    along = np.vecdot(offset, direction)
-    across = offset - along[:, None] * direction
-    square = np.vecdot(across, across) / r**2
-    cosine = np.vecdot(direction, other_direction)
+    # Each coordinate is one row: numpy is several times faster on three long rows than on rows of three.
+    points, axes = nodes.points.T, nodes.directions.T
+    offset = points.take(j, axis=1) - points.take(i, axis=1)
+    direction, other_direction = axes.take(i, axis=1), axes.take(j, axis=1)
+    along = np.einsum("ij,ij->j", offset, direction)
+    across = offset - along * direction
+    square = np.einsum("ij,ij->j", across, across) / r**2
+    cosine = np.einsum("ij,ij->j", direction, other_direction)
     is_near = (np.abs(along) < ALONG_RADII * r) & (square < 1) & (np.abs(cosine) > MIN_DIRECTION_COSINE)
     near = np.flatnonzero(is_near)
     i, j, square, along, cosine = i[near], j[near], square[near], along[near], cosine[near]
     weight = weights[j] * np.exp(-square / (2 * ACROSS_SIGMA_RADII**2)) * (1 - (along / (ALONG_RADII * r)) ** 2)
     count = len(nodes.points)
     support = group_sums(i, weight, count)
-    points = nodes.points + group_sums(i, weight[:, None] * across.take(near, axis=0), count) / support[:, None]
-    aligned = np.sign(cosine)[:, None] * other_direction.take(near, axis=0)
-    directions = group_sums(i, weight[:, None] * aligned, count)
+    moved = nodes.points + group_sums(i, (weight * across.take(near, axis=1)).T, count) / support[:, None]
+    aligned = np.sign(cosine) * other_direction.take(near, axis=1)
+    directions = group_sums(i, (weight * aligned).T, count)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return CentreLineNodes(points, directions, support, nodes.rho)
+    return CentreLineNodes(moved, directions, support, nodes.rho)
 
 
 def _merge_nodes_per_voxel(
@@ -130,11 +131,11 @@ def _main_axes(
     The direction is the first eigenvector of the weighted covariance of the neighbours within `radius`, metres.
     """
     i, j = neighbour_pairs(points, radius)
-    offset = points.take(j, axis=0) - points.take(i, axis=0)
+    offset = points.T.take(j, axis=1) - points.T.take(i, axis=1)
     total = group_sums(i, weights[j], len(points))[:, None]
-    mean = group_sums(i, weights[j, None] * offset, len(points)) / total
+    mean = group_sums(i, (weights[j] * offset).T, len(points)) / total
     # The matrices are symmetric: six products of the coordinates are enough.
-    x, y, z = offset.T
+    x, y, z = offset
     products = weights[j] * np.array([x * x, x * y, x * z, y * y, y * z, z * z])
     second = group_sums(i, products.T, len(points)) / total
     R = second[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
