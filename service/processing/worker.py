@@ -194,7 +194,8 @@ class RecognitionWorker:
 
     def _await_ready(self, deadline: float) -> None:
         self._receive(deadline)
-        self._ready_by = self._not_ready_reason = None
+        self._ready_by = None
+        self._not_ready_reason = None
 
     def _has_message(self) -> bool:
         """Return whether the process has sent a message, or has ended."""
@@ -288,7 +289,8 @@ class RecognitionWorker:
 
     def _release(self) -> int | None:
         """Wait for the end of the process and close the pipe. Return the exit code."""
-        code = self._ready_by = None
+        code = None
+        self._ready_by = None
         if self._process is not None:
             self._process.join()
             code = self._process.exitcode
