@@ -107,6 +107,8 @@ def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
             return {"where": where, "what": "there is no such member"}
         case "json_invalid":
             return {"where": "body", "what": f"not JSON: {error['ctx']['error']} at character {place[-1]}"}
+        case "value_error":
+            return {"where": where, "what": str(error["ctx"]["error"])}
         case "float_type":
             return {"where": where, "what": "a number is needed"}
         case "bool_type":

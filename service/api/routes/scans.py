@@ -9,6 +9,7 @@ from anyio import from_thread, to_thread
 from fastapi import APIRouter, Request, Response
 
 from cell.errors import StoppedError
+from cell.planning.viewpoints import ViewpointPlan
 from service.api.dependencies import Before, Context, Id, Limit, Scan, Service, find_scan
 from service.api.idempotency_header import RequesterDependency
 from service.api.openapi import links
@@ -198,9 +199,11 @@ def _validate(body: ReplayScanRequest | LiveScanRequest, service: Context) -> Sc
         views, requested_at = body.views, arrival_time()
         radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
         service.jobs.raise_if_busy()
-        plan = from_thread.run(
-            partial(to_thread.run_sync, limiter=service.planning), service.cell.validate_scan, views, requested_at
-        )
+
+        def validate() -> ViewpointPlan:
+            return service.cell.validate_scan(views, requested_at)
+
+        plan = from_thread.run(partial(to_thread.run_sync, limiter=service.planning), validate)
         viewpoints = viewpoints_resource(plan)
     else:
         recording = _usable_recording(body.recording, service)

@@ -19,6 +19,7 @@ await build({
   format: "esm",
   target: "es2022",
   minify: true,
+  charset: "utf8",
   chunkNames: "[name]-[hash]",
   jsx: "automatic",
   jsxImportSource: "preact",

@@ -15,7 +15,7 @@ from cell.devices import View
 from recognition.pipeline import Recognition
 from service.processing.recording_metadata import describe_recording
 from service.processing.results import STAGE_START_FRACTION, Outcome, recognise_recording, write_results
-from service.processing.worker import TaskFailedError
+from service.processing.worker import OnCheck, TaskFailedError
 from service.processing.worker_main import Task
 from service.storage.rows import RecordingRow
 
@@ -43,6 +43,7 @@ class RecognitionStub:
         timeout_s: float,
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
+        on_check: OnCheck | None = None,
     ) -> Outcome:
         """Wait for the end of the views, then write the fixed result."""
         for _ in views:

@@ -15,6 +15,7 @@ import { Views } from "./views";
 export function LastScan({ scan }: { scan: Scan }) {
   const { word, tone } = outcome(scan);
   const { summary, problem } = scan;
+  const { to_model, to_home } = scan.timing_s;
   return (
     <section class="panel" aria-label={t("scan.last.region")}>
       <h2>
@@ -29,11 +30,8 @@ export function LastScan({ scan }: { scan: Scan }) {
         })}
         {isElsewhere(scan) && scan.recording !== null && <RecordingName id={scan.recording} />}
       </p>
-      {scan.timing_s.to_model !== null && scan.mode === "live" && (
-        <p class="small">
-          {t("scan.last.to_model", { seconds: Math.round(scan.timing_s.to_model) })}
-          {scan.timing_s.to_home !== null && t("scan.last.to_home", { seconds: Math.round(scan.timing_s.to_home) })}
-        </p>
+      {to_model !== null && to_home !== null && (
+        <p>{t("scan.last.time", { model: Math.round(to_model), home: Math.round(to_home) })}</p>
       )}
       <EndReason state={scan.state} problem={problem} />
       <RadiusWarning scan={scan} />

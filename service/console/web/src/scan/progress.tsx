@@ -31,10 +31,9 @@ export function Progress({ scan }: { scan: Scan }) {
         <progress max={1} value={done} aria-label={t("common.progress")} />
         <span>{percent(done)}</span>
       </div>
-      {elapsed !== null && (
+      {elapsed !== null && remaining !== null && (
         <p class="small">
-          {t("scan.progress.elapsed", { elapsed: Math.round(elapsed) })}
-          {remaining !== null && remaining > 0 && t("scan.progress.remaining", { remaining: Math.ceil(remaining) })}
+          {t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })}
         </p>
       )}
       {scan.requested_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.requested_by })}</p>}
