@@ -128,7 +128,7 @@ class Preparation:
         """Connect, as `connect` does, while the groundwork of the plan is laid.
 
         Args:
-            views: Number of viewpoints, or None for the configured number.
+            views: Number of viewpoints or `auto`, or None for the configured value.
         """
 
         def load_hand_eye() -> HandEye:

@@ -113,7 +113,8 @@ def take_views(
 def return_home(arm: Arm, plan: ViewpointPlan) -> None:
     """Move the arm from the viewpoint at which it stands home. Raise the errors of `arm.move`."""
     q_rad = arm.state().q_rad
-    here = min(plan.legs, key=lambda leg: float(np.abs(leg.waypoints_rad[-1] - q_rad).max()))
+    to_views = [leg for leg in plan.legs if leg.view is not None]
+    here = min(to_views, key=lambda leg: float(np.abs(leg.waypoints_rad[-1] - q_rad).max()))
     _follow(arm, here.home_waypoints_rad)
 
 

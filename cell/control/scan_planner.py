@@ -27,7 +27,7 @@ class ScanPlanner:
         """Plan the viewpoints of a scan and the path through them.
 
         Args:
-            views: Number of viewpoints, or None for the configured number.
+            views: Number of viewpoints or `auto`, or None for the configured value.
             T_flange_camera: Camera pose on the flange (4, 4).
             q_now_rad: Joint angles (6,) at the start. None means home.
 
