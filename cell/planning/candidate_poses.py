@@ -71,7 +71,11 @@ class CandidatePose:
 
 def scan_candidates(view_target: ViewTarget, views: int) -> list[Iterator[list[CandidatePose]]]:
     """Return the candidate poses of each view of a scan, as `candidate_levels` gives them."""
-    return [_view_candidates(view_target, bearing) for bearing in two_rings(views)]
+    bearings = two_rings(views)
+    # With rolls of one sign on the upper ring, the baselines of neighbouring views are nearly perpendicular, also if
+    # the rolls are larger.
+    bearings[1::2] = [replace(bearing, roll_rad=-abs(bearing.roll_rad)) for bearing in bearings[1::2]]
+    return [_view_candidates(view_target, bearing) for bearing in bearings]
 
 
 def candidate_levels(

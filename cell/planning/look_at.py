@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 ELEVATIONS_RAD = (np.deg2rad(50.0), np.deg2rad(70.0))
 """Elevations of the two rings of viewpoints above the table."""
 ROLL_RAD = np.deg2rad(15.0)
-"""Smallest roll of the views. A string along the stereo baseline in one view lies across it in another."""
+"""Roll of the views in both directions. A string along the baseline in one view lies across it in another."""
 FILL = 0.9
 """Share of the image, around its middle, that must contain the target."""
 
@@ -54,13 +54,9 @@ def look_at(
 
 
 def two_rings(views: int) -> list[Bearing]:
-    """Return bearings evenly around the target, on two rings in turn.
-
-    The rolls have such signs that the baselines of neighbouring views of a ring are nearly perpendicular, also if the
-    rolls are larger than `ROLL_RAD`.
-    """
+    """Return bearings evenly around the target, on two rings in turn, rolled in both directions."""
     return [
-        Bearing(2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, -1)[k % 4]) for k in range(views)
+        Bearing(2 * np.pi * k / views, ELEVATIONS_RAD[k % 2], ROLL_RAD * (1, -1, -1, 1)[k % 4]) for k in range(views)
     ]
 
 
