@@ -7,8 +7,11 @@ from cell.config.cell_config import CellSettings
 from cell.kinematics.move_duration import path_duration
 from cell.planning.viewpoints import ViewpointPlan
 
-VIEW_OVERHEAD_S = 0.25
-"""Time of one view apart from motion, waiting and exposures: start and end of the move, reading and writing."""
+VIEW_OVERHEAD_S = 0.12
+"""Time of one view apart from motion, waiting and exposures, measured on the simulated cell.
+
+The move starts and comes to rest, and the view is read and written.
+"""
 RECOGNITION_S = 0.3
 """Time of recognition after the last view."""
 
