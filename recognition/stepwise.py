@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from recognition.errors import RecognitionError
 from recognition.model.findings import Finding, most_serious_first
-from recognition.model.view_sufficiency import FIRST_CHECK, LEAST_VIEWS, ViewCheck, find_doubts, more_views_finding
 from recognition.pipeline import Recognition
 from recognition.preprocessing.target_cloud import DepthView
+from recognition.view_sufficiency import FIRST_CHECK, MIN_SUFFICIENT_VIEWS, ViewCheck, find_doubts, more_views_finding
 
 RecogniseSome = Callable[[Sequence[DepthView], Recognition | None], Recognition]
 """Recognises some views, with the recognition of the first of them, if there is one, as `earlier` of `recognise`."""
@@ -18,7 +18,7 @@ def recognise_after_each_view(
 ) -> Recognition:
     """Recognise the views so far when a view arrives, from the third view on, and return the last recognition.
 
-    If more than `LEAST_VIEWS` views were needed, the model has a finding that says why.
+    If more than `MIN_SUFFICIENT_VIEWS` views were needed, the model has a finding that says why.
 
     Args:
         views: Depth images with their camera poses, one by one. The caller ends them when a check suffices.
@@ -46,7 +46,7 @@ def recognise_after_each_view(
         on_check(checks[-1])
     if latest is None:
         latest = recognise_some(taken, before)
-    needed = more_views_finding([check for check in checks if LEAST_VIEWS <= check.views < len(taken)])
+    needed = more_views_finding([check for check in checks if MIN_SUFFICIENT_VIEWS <= check.views < len(taken)])
     return latest if needed is None else _with_finding(latest, needed)
 
 

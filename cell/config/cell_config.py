@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema,
 from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.gripper_config import GripperSettings
-from cell.config.scan_views import LEAST_VIEWS, MOST_VIEWS, Views, count_viewpoints, parse_views
+from cell.config.scan_views import MAX_VIEWPOINTS, MIN_VIEWPOINTS, Views, count_viewpoints, parse_views
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -26,7 +26,7 @@ ScanViews = Annotated[
     WithJsonSchema(
         {
             "anyOf": [
-                {"type": "integer", "minimum": LEAST_VIEWS, "maximum": MOST_VIEWS},
+                {"type": "integer", "minimum": MIN_VIEWPOINTS, "maximum": MAX_VIEWPOINTS},
                 {"type": "string", "const": "auto"},
             ]
         }

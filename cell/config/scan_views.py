@@ -4,8 +4,10 @@ from typing import Literal
 
 Views = int | Literal["auto"]
 """Number of viewpoints, or `auto`: one ring of viewpoints, and the other ring only if something is doubtful."""
-LEAST_VIEWS, MOST_VIEWS = 2, 32
+MIN_VIEWPOINTS, MAX_VIEWPOINTS = 2, 32
 """Limits of a number of viewpoints."""
+VIEWS_NEEDED = f'a whole number from {MIN_VIEWPOINTS} to {MAX_VIEWPOINTS} or "auto" is needed'
+"""Message about any other value."""
 AUTO_VIEWPOINTS = 8
 """Number of viewpoints that `auto` plans."""
 
@@ -26,8 +28,8 @@ def parse_views(value: object) -> Views:
         number = int(value) if value.isascii() and value.isdigit() and len(value) < 10 else None
     elif isinstance(value, int | float) and not isinstance(value, bool) and float(value).is_integer():
         number = int(value)
-    if number is None or not LEAST_VIEWS <= number <= MOST_VIEWS:
-        raise ValueError(f'a whole number from {LEAST_VIEWS} to {MOST_VIEWS} or "auto" is needed')
+    if number is None or not MIN_VIEWPOINTS <= number <= MAX_VIEWPOINTS:
+        raise ValueError(VIEWS_NEEDED)
     return number
 
 

@@ -31,7 +31,7 @@ from cell.planning.calibration_poses import plan_calibration, plan_verification
 from cell.planning.expected_duration import expected_duration
 from cell.planning.viewpoints import ViewpointPlan, require_enough
 from cell.recording.header import RecordingHeader
-from recognition.model.view_sufficiency import LEAST_VIEWS
+from recognition.view_sufficiency import MIN_SUFFICIENT_VIEWS
 
 log = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ class Preparation:
             connect_s=connected_at - started_at,
             plan_s=planned_at - connected_at,
             expected=expected_duration(plan, settings),
-            may_end_after=max(scan.min_views, LEAST_VIEWS) if scan.views == "auto" else None,
+            may_end_after=max(scan.min_views, MIN_SUFFICIENT_VIEWS) if scan.views == "auto" else None,
         )
 
     def check_scan(self, requested_at: float) -> None:

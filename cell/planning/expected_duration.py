@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
-from cell.kinematics.move_duration import path_duration
 from cell.planning.viewpoints import ViewpointPlan
 
 VIEW_OVERHEAD_S = 0.12
@@ -34,14 +33,12 @@ def expected_duration(plan: ViewpointPlan, settings: CellSettings) -> ExpectedDu
         settings: Settings with which they were planned.
     """
     legs = [leg for leg in plan.legs if leg.view is not None]
-    legs = legs[: len(plan.first)] if plan.first else legs
+    legs = legs[: len(plan.first) or None]
+    if not legs:
+        return ExpectedDuration(0.0, 0.0)
     factor = settings.arm.time_factor if isinstance(settings.arm, SimulatedArm) else 1.0
     camera = settings.camera
     dwell_s = camera.settle_s + camera.exposures / camera.frame_rate + VIEW_OVERHEAD_S
     last_view_s = sum(leg.duration_s for leg in legs) / factor + len(legs) * dwell_s
-    if not legs:
-        return ExpectedDuration(0.0, 0.0)
-    last = legs[-1]
-    home_s = path_duration(settings.arm, last.waypoints_rad[-1], tuple(last.home_waypoints_rad)) / factor
     checked_s = RECOGNITION_S if plan.first else 0.0  # the arm waits for the decision to end the scan
-    return ExpectedDuration(last_view_s + RECOGNITION_S, last_view_s + checked_s + home_s)
+    return ExpectedDuration(last_view_s + RECOGNITION_S, last_view_s + checked_s + legs[-1].home_duration_s / factor)

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from cell.config.gripper_config import GripperSettings
-from cell.config.scan_views import LEAST_VIEWS, MOST_VIEWS, Views
+from cell.config.scan_views import MAX_VIEWPOINTS, MIN_VIEWPOINTS, Views
 from recognition.grasping.gripper import Gripper
 from service.config.loader import PREFIX, ServiceConfig
 
@@ -211,7 +211,7 @@ def _table(keys: Iterable[Key]) -> str:
 
 def _type(field: FieldInfo) -> str:
     if field.annotation == Views:
-        return f'integer, ≥ {LEAST_VIEWS}, ≤ {MOST_VIEWS}, or `"auto"`'
+        return f'integer, ≥ {MIN_VIEWPOINTS}, ≤ {MAX_VIEWPOINTS}, or `"auto"`'
     annotation = _without_none(field.annotation)
     if get_origin(annotation) is Literal:
         values = [f'`"{value}"`' for value in get_args(annotation)]

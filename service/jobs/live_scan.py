@@ -13,7 +13,7 @@ from cell.control.prepared import PreparedScan
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
-from recognition.model.view_sufficiency import ViewCheck
+from recognition.view_sufficiency import ViewCheck
 from service.jobs.inputs import recognition_inputs
 from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics
@@ -89,9 +89,7 @@ def _recognise(
         views.early_end.decide(check.views, check.suffices)
 
     try:
-        outcome = worker.run(
-            task, on_stage, limit_s, all_views(), views.missing, on_check if task.check_views else None
-        )
+        outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing, on_check)
     except TaskFailedError:
         views.early_end.close()
         for _ in views:

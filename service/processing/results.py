@@ -22,10 +22,10 @@ from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import Method, PointChainModel
 from recognition.model.provenance import Provenance
 from recognition.model.trust import Verdict
-from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
+from recognition.view_sufficiency import ViewCheck
 from service.clock import format_utc
 from service.processing.height_map_file import StoredHeightMap, to_npz
 from service.processing.preview import draw_preview

@@ -17,7 +17,7 @@ from pathlib import Path
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.process.logging import child_logging_setup
-from recognition.model.view_sufficiency import FIRST_CHECK, ViewCheck
+from recognition.view_sufficiency import FIRST_CHECK, ViewCheck
 from service.errors import Failure
 from service.processing.results import OnStage, Outcome
 from service.processing.worker_main import Cancelled, EndOfViews, PreviewEnded, Stage, Task, run_process
@@ -120,7 +120,7 @@ class RecognitionWorker:
         timeout_s: float,
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
-        on_check: OnCheck | None = None,
+        on_check: OnCheck = lambda _: None,
     ) -> Outcome:
         """Run one task in the started process and return its outcome.
 
@@ -210,18 +210,18 @@ class RecognitionWorker:
         timeout_s: float,
         views: Iterable[View],
         missing: Sequence[MissingView],
-        on_check: OnCheck | None,
+        on_check: OnCheck,
     ) -> Outcome | Failure:
         self._send(task, timeout_s)
         if not isinstance(task.source, Path):
             for number, view in enumerate(self._cancel_on_error(views), 1):
                 self._send(view, timeout_s)
-                if on_check is not None and number >= FIRST_CHECK:
-                    checked = self._receive(time.monotonic() + timeout_s)
-                    if isinstance(checked, Failure):
-                        return checked
-                    assert isinstance(checked, ViewCheck)
-                    on_check(checked)
+                if task.check_views and number >= FIRST_CHECK:
+                    check = self._receive(time.monotonic() + timeout_s)
+                    if isinstance(check, Failure):
+                        return check
+                    assert isinstance(check, ViewCheck)
+                    on_check(check)
             self._send(EndOfViews(tuple(missing)), timeout_s)
         deadline = time.monotonic() + timeout_s
         while True:

@@ -21,8 +21,8 @@ from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from recognition.model.findings import Finding, finding
 from recognition.model.model import Method, PointChainModel
-from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
+from recognition.view_sufficiency import ViewCheck
 from service.errors import INPUT_ERRORS, Failure
 from service.logs.setup import scan_log_context
 from service.processing.preview import draw_preview

@@ -11,11 +11,11 @@ from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import InsufficientViewsError
-from recognition.model.view_sufficiency import ViewCheck
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.stepwise import recognise_after_each_view
+from recognition.view_sufficiency import ViewCheck
 
 RINGS = (3, 1, 7, 5, 4, 2, 0, 6)
 """Viewpoints of the upper ring, then of the lower one."""

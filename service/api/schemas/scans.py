@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
 
 from cell.config.cell_config import ScanViews
-from cell.config.scan_views import LEAST_VIEWS, MOST_VIEWS
+from cell.config.scan_views import VIEWS_NEEDED
 from recognition.model.document import FindingDocument
 from recognition.model.model import Method
 from recognition.model.trust import Verdict
@@ -43,7 +43,7 @@ WHOLE_NUMBER = BeforeValidator(_to_whole_number)
 
 def _refuse_text(value: Any) -> Any:
     if isinstance(value, str) and value != "auto":
-        raise ValueError(f'a whole number from {LEAST_VIEWS} to {MOST_VIEWS} or "auto" is needed')
+        raise ValueError(VIEWS_NEEDED)
     return value
 
 

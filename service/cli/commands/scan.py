@@ -20,7 +20,7 @@ from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import SCHEMA, Method
-from recognition.model.view_sufficiency import ViewCheck
+from recognition.view_sufficiency import ViewCheck
 from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
@@ -109,8 +109,7 @@ def take_scan(
             RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
             cell.run(prepared, writer, progress) as views,
         ):
-            on_check = partial(_decide, views, report) if task.check_views else None
-            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, on_check)
+            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, partial(_decide, views, report))
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     if recording is not None:

@@ -11,9 +11,9 @@ from recognition.model.chains import MIN_CERTAIN_CONFIDENCE
 from recognition.model.findings import Finding, finding
 from recognition.model.model import PointChainModel
 
-LEAST_VIEWS = 4
+MIN_SUFFICIENT_VIEWS = 4
 """Smallest number of views that can suffice."""
-FIRST_CHECK = LEAST_VIEWS - 1
+FIRST_CHECK = MIN_SUFFICIENT_VIEWS - 1
 """Number of views that are recognised first, because a model is compared with that of one view less."""
 MIN_CONFIDENCE = 0.99
 """Smallest confidence of a crossing that needs no further view."""
@@ -33,14 +33,14 @@ class ViewCheck:
     @property
     def suffices(self) -> bool:
         """Whether no further view is needed."""
-        return self.views >= LEAST_VIEWS and not self.doubts
+        return self.views >= MIN_SUFFICIENT_VIEWS and not self.doubts
 
 
 def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple[str, ...]:
     """Return what is doubtful about a model and may be certain with another view.
 
-    There is no doubt if the model has a chain, `LEAST_VIEWS` used views or more, no finding above a note, no unobserved
-    end, no crossing below `MIN_CONFIDENCE`, and the topology of the model before.
+    There is no doubt if the model has a chain, at least `MIN_SUFFICIENT_VIEWS` used views, no finding above a note, no
+    unobserved end, no crossing below `MIN_CONFIDENCE`, and the topology of the model before.
 
     Args:
         model: Model of the views so far.
@@ -50,7 +50,7 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
     used = sum(view.used for view in model.quality.views)
     if not model.chains:
         doubts.append("no string was found")
-    elif used < LEAST_VIEWS:
+    elif used < MIN_SUFFICIENT_VIEWS:
         doubts.append(f"only {used} views can be used")
     named = {chain for found in model.quality.findings if found.code == "end-unobserved" for chain in found.chains}
     doubts += [
@@ -71,17 +71,17 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
 
 
 def more_views_finding(checks: Sequence[ViewCheck]) -> Finding | None:
-    """Return the note on why a scan needed more than `LEAST_VIEWS` views, or None if it did not.
+    """Return the note on why a scan needed more than `MIN_SUFFICIENT_VIEWS` views, or None if it did not.
 
     Args:
-        checks: Checks of `LEAST_VIEWS` views and more after which the scan went on.
+        checks: Checks of `MIN_SUFFICIENT_VIEWS` views and more after which the scan went on.
     """
     doubtful = [check for check in checks if not check.suffices]
     if not doubtful:
         return None
     parts = [f"after {check.views} views: {'; '.join(_shortened(check.doubts))}" for check in doubtful]
-    message = f"more than {LEAST_VIEWS} views were needed; {'; '.join(parts)}"
-    return finding("more-views-needed", message, value=doubtful[-1].views, limit=LEAST_VIEWS)
+    message = f"more than {MIN_SUFFICIENT_VIEWS} views were needed; {'; '.join(parts)}"
+    return finding("more-views-needed", message, value=doubtful[-1].views, limit=MIN_SUFFICIENT_VIEWS)
 
 
 def _shortened(doubts: Sequence[str]) -> list[str]:

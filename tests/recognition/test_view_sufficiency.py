@@ -9,8 +9,8 @@ from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import Finding, finding
 from recognition.model.model import PointChainModel
 from recognition.model.quality import Quality, ViewQuality
-from recognition.model.view_sufficiency import LEAST_VIEWS, ViewCheck, find_doubts, more_views_finding
 from recognition.parameters import ChainParameters
+from recognition.view_sufficiency import MIN_SUFFICIENT_VIEWS, ViewCheck, find_doubts, more_views_finding
 
 R = 0.0042
 STRING = Chain(
@@ -70,9 +70,9 @@ def test_an_unobserved_end_with_a_finding_is_named_once() -> None:
 
 
 def test_three_views_never_suffice() -> None:
-    assert not ViewCheck(LEAST_VIEWS - 1, ()).suffices
-    assert ViewCheck(LEAST_VIEWS, ()).suffices
-    assert not ViewCheck(LEAST_VIEWS, ("a doubt",)).suffices
+    assert not ViewCheck(MIN_SUFFICIENT_VIEWS - 1, ()).suffices
+    assert ViewCheck(MIN_SUFFICIENT_VIEWS, ()).suffices
+    assert not ViewCheck(MIN_SUFFICIENT_VIEWS, ("a doubt",)).suffices
 
 
 def test_the_finding_says_what_was_doubtful_after_each_view() -> None:
