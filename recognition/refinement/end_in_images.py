@@ -26,6 +26,9 @@ The table is 1.8 r or more behind the tube in the corridor. Half of it divides f
 """
 OTHER_STRING_RADII = 1.35
 """Maximum distance of a measured point from the centre line of another strand on which it lies, in radii."""
+FREE_END_RADII = 3.0
+"""Minimum distance of another strand from the end and its extension, in radii. Below, above or beside a nearer strand,
+the images do not show free space beyond the end."""
 OWN_END_RADII = 6.0
 """Length of the line that belongs to the end, in radii. The rest of the line counts as another strand."""
 TRANSITION_RADII = 1.0
@@ -55,14 +58,18 @@ def localise_end_in_images(
         r: Radius of the string, metres.
 
     Returns:
-        (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if the images do not
-        show the string on one side of the end and free space on the other.
+        (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if another strand is
+        near the end, or if the images do not show the string on one side of the end and free space on the other.
     """
     terms = fit_end_parabola(line, END_FIT_RADII * r, r)
     length = float(np.linalg.norm(terms[1]))
     if length < 1e-9 or float(np.median(np.diff(arc_length(line)))) <= 0:
         return line
     axis = np.array([terms[0], -terms[1] / length])
+    if other_strands is not None:
+        extension = axis[0] + np.linspace(0, MAX_MOVE_RADII * r, 4)[:, None] * axis[1]
+        if other_strands.query(extension)[0].min() < FREE_END_RADII * r:
+            return line
     sightings = [
         _sight(view.image, view.T_base_camera, axis, other_strands, r)
         for view in views

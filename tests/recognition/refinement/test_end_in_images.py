@@ -8,8 +8,13 @@ import pytest
 from scipy.spatial import KDTree
 
 from cell.planning.look_at import look_at
+from cell.simulation.evaluation.metrics import score
+from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
-from cell.simulation.scenes.scenes import StringScene
+from cell.simulation.scenes.scenes import StringScene, make_scene
+from recognition.parameters import ChainParameters
+from recognition.pipeline import recognise
+from recognition.preprocessing import Scene
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.end_in_images import localise_end_in_images, other_strand_points
 
@@ -92,6 +97,24 @@ def test_another_strand_across_the_end_does_not_extend_it() -> None:
     for start in (-0.3, 0.3):
         ended = localise_end_in_images(line_from(start * R), seen, others, R)
         assert ended[0, 0] == pytest.approx(0.0, abs=0.0015)
+
+
+def test_an_end_that_lies_on_another_strand_stays() -> None:
+    under = straight((0, -0.05), (0, 0.05))
+    seen = views([straight((0, 0), (0.1, 0), 3 * R), under])
+    raised = line_from(0.6 * R) + (0, 0, 2 * R)
+    others = other_strand_points([raised, under], 0, R)
+    np.testing.assert_array_equal(localise_end_in_images(raised, seen, others, R), raised)
+
+
+def test_an_end_on_another_strand_makes_no_crossing() -> None:
+    # The end would be extended beyond the middle of the other strand if the free space there were not checked.
+    scan = simulate(make_scene("end-on-strand", 15), camera_model("oak-d-pro"), 15)
+    parameters = ChainParameters.for_radius(scan.truth["radius"])
+    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    assert len(model.chains) == 2
+    assert model.crossings == ()
+    assert score(model.to_json(), scan.truth).topology
 
 
 def test_a_strand_above_hides_the_end() -> None:
