@@ -71,6 +71,17 @@ MAX_BESIDE_SHARE = 0.5
 An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
 with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
 """
+MAX_UNEVEN_SHARE = 0.8
+"""Maximum share of a short string with uneven surface on both sides.
+
+Short means less than `MIN_POSSIBLE_STRING_RADII`. In simulated scans, ridges of a rough heap had 0.97 and more. Strings
+between boxes and along walls had up to 0.51 in the worst part of this length.
+"""
+MIN_UNEVEN_RADII = 0.5
+"""Minimum height difference, from the 10th to the 90th percentile, of uneven surface beside a strand, in radii.
+
+In simulated scans it was 1.5 to 3.4 beside ridges of a rough heap, and up to 0.05 beside strings on a plate.
+"""
 RESTING_RADII = (0.5, 2.5)
 """Height of the centre line of a string above the object that it rests on, in radii; more where it is crossed."""
 ADVICE: Mapping[FindingCode, str] = {
@@ -100,7 +111,8 @@ def classify_strings(
     """Select the fitted strands that are strings.
 
     A string is round: the surface beside it lies on its tube and has no flat top with edges. Its tube does not reach
-    into the table. It is long enough, and the surface supports most of its points.
+    into the table. It is long enough, and the surface supports most of its points. If it is short, it is no ridge: no
+    uneven surface lies on both sides of it.
 
     Args:
         refinement: Fitted strands, and the strand index of each surface point.
@@ -111,7 +123,7 @@ def classify_strings(
     Returns:
         The strings in the order of the model, and the findings on the excluded strands. An excluded strand that may be
         a string gives a doubt: a long one that was hardly seen, one that lies alone on the table, unless it is
-        certainly square, and a long one that lies on a large object as a string would.
+        certainly square, a long one that lies on a large object as a string would, and a ridge.
     """
     strands, support = refinement.strands, support or SupportSurface()
     on_tube_shares = _on_tube_shares(refinement, surface, parameters, support)
@@ -136,8 +148,16 @@ def classify_strings(
             kept.append(k)
             continue
         excluded.append((k, code, reason))
-    kept_strands = [strands[k] for k in kept]
-    possible, pieces = [], []
+    ridges = [
+        k
+        for k in kept
+        if lengths[k] < MIN_POSSIBLE_STRING_RADII * parameters.r
+        and _is_ridge(strands[k], [strands[other] for other in kept if other != k], surface, parameters.r)
+    ]
+    kept_strands = [strands[k] for k in kept if k not in ridges]
+    reason = "uneven surface on both sides, as beside a fold or a ridge; look at it"
+    possible = [excluded_piece("possible-string", strands[k].points, lengths[k], reason) for k in ridges]
+    pieces = []
     for k, code, reason in excluded:
         strand, length = strands[k], lengths[k]
         match code:
@@ -175,18 +195,50 @@ def _is_certainly_square(strand: FittedStrand) -> bool:
     return strand.squareness - UNCERTAIN_SIGMAS * strand.squareness_sigma > MAX_SQUARENESS
 
 
+def _is_ridge(strand: FittedStrand, others: Sequence[FittedStrand], surface: NDArray[np.float64], r: float) -> bool:
+    """Return whether uneven surface lies on both sides of a strand, apart from the surface of other strands."""
+    beside = _surface_beside(strand, others, surface, r)
+    if len(beside) == 0:
+        return False
+    radius = max(strand.radius_m, r)
+    along = np.gradient(strand.points, axis=0)[:, :2]
+    left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True).clip(min=1e-9)
+    between, heights = 0, []
+    for point, to_left, near in zip(
+        strand.points, left, KDTree(beside).query_ball_point(strand.points, BESIDE_RADII[1] * radius), strict=True
+    ):
+        offset = (beside[near, :2] - point[:2]) @ to_left
+        sides = [beside[near, 2][offset > radius], beside[near, 2][offset < -radius]]
+        if all(len(z) for z in sides):
+            between += 1
+            heights.extend(float(np.median(z)) for z in sides)
+    if between <= MAX_UNEVEN_SHARE * len(strand.points):
+        return False
+    low, high = np.percentile(heights, (10, 90))
+    return bool(high - low >= MIN_UNEVEN_RADII * radius)
+
+
 def _lies_alone(strand: FittedStrand, kept: Sequence[FittedStrand], surface: NDArray[np.float64], r: float) -> bool:
     """Return whether hardly any surface lies beside a strand, apart from the surface of the kept strands."""
+    beside = _surface_beside(strand, kept, surface, r)
+    if len(beside) == 0:
+        return True
+    reach = BESIDE_RADII[1] * max(strand.radius_m, r)
+    return float(np.mean(KDTree(beside).query(strand.points)[0] < reach)) <= MAX_BESIDE_SHARE
+
+
+def _surface_beside(
+    strand: FittedStrand, others: Sequence[FittedStrand], surface: NDArray[np.float64], r: float
+) -> NDArray[np.float64]:
+    """Return the surface points (N, 3) beside a strand, without the surface of other strands."""
     radius = max(strand.radius_m, r)
     distance, _ = KDTree(strand.points).query(surface, distance_upper_bound=2 * BESIDE_RADII[1] * radius)
     beside = surface[np.isfinite(distance) & (np.asarray(distance) > BESIDE_RADII[0] * radius)]
-    if kept and len(beside):
-        tree = KDTree(np.vstack([other.points for other in kept]))
-        reach = BESIDE_RADII[0] * max(r, *(other.radius_m for other in kept))
-        beside = beside[tree.query(beside)[0] > reach]
-    if len(beside) == 0:
-        return True
-    return float(np.mean(KDTree(beside).query(strand.points)[0] < BESIDE_RADII[1] * radius)) <= MAX_BESIDE_SHARE
+    if not others or len(beside) == 0:
+        return beside
+    tree = KDTree(np.vstack([other.points for other in others]))
+    reach = BESIDE_RADII[0] * max(r, *(other.radius_m for other in others))
+    return beside[tree.query(beside)[0] > reach]
 
 
 def _rests_on_object(strand: FittedStrand, support: SupportSurface) -> bool:

@@ -178,6 +178,28 @@ def test_the_surface_of_a_string_beside_an_excluded_strand_does_not_count(seen: 
     assert [found.code for found in classified(surface, thin, fitted(string)).findings] == ["possible-string"]
 
 
+def test_a_short_strand_between_uneven_surface_is_a_ridge(seen: Callable, straight: Callable) -> None:
+    line = straight((0, 0, R), (0.1, 0, R), 0.003)
+    surface, _ = seen([line])
+
+    def codes(strand: np.ndarray, surface: np.ndarray, left: float, right: float | None) -> list[str]:
+        """Return the codes for a strand with faces on its sides that are as many metres higher at its other end."""
+        for sign, rise in ((1, left), (-1, right)):
+            if rise is not None:
+                face = with_face(np.empty((0, 3)), strand) * (1, sign, 1)
+                surface = np.vstack([surface, face + face[:, :1] / 0.1 * (0, 0, rise)])
+        classification = classified(surface, fitted(strand))
+        assert len(classification.strings) + len(classification.findings) == 1
+        return [found.code for found in classification.findings]
+
+    # The faces rise by a radius over the line; the 10th to 90th percentile is 0.8 radii.
+    assert codes(line, surface, R, R) == ["possible-string"]
+    assert codes(line, surface, R, None) == []  # a string beside a box
+    assert codes(line, surface, 0.0, 0.0) == []  # a string on a plate
+    longer = straight((0, 0, R), (0.2, 0, R), 0.003)
+    assert codes(longer, seen([longer])[0], R, R) == []
+
+
 def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, straight: Callable) -> None:
     # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
     line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)
