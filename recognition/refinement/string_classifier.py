@@ -71,10 +71,10 @@ MAX_BESIDE_SHARE = 0.5
 An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
 with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
 """
-MAX_UNEVEN_SHARE = 0.8
+MAX_UNEVEN_SHARE = 0.65
 """Maximum share of a short string with uneven surface on both sides.
 
-Short means less than `MIN_POSSIBLE_STRING_RADII`. In simulated scans, ridges of a rough heap had 0.97 and more. Strings
+Short means less than `MIN_POSSIBLE_STRING_RADII`. In simulated scans, ridges of a rough heap had 0.8 and more. Strings
 between boxes and along walls had up to 0.51 in the worst part of this length.
 """
 MIN_UNEVEN_RADII = 0.5
