@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from cell.config.strict_model import Range
 from cell.planning.look_at import Bearing, look_at, min_distance, two_rings
 
 _ROLLS_RAD = np.deg2rad((0, 15, -15, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180))
+_ROLL_FACTORS = (1.0, 2.0, 3.0)
+"""Multiples of a bearing's roll that are compared, the preferred one first."""
 _NEARER_M = (0.0, -0.06, 0.06)
 _HIGHER_RAD = np.deg2rad((0.0, 10.0, -10.0, 20.0))
 _STEEPEST_RAD = np.deg2rad(85.0)
@@ -69,7 +71,11 @@ class CandidatePose:
 
 def scan_candidates(view_target: ViewTarget, views: int) -> list[Iterator[list[CandidatePose]]]:
     """Return the candidate poses of each view of a scan, as `candidate_levels` gives them."""
-    return [_view_candidates(view_target, bearing) for bearing in two_rings(views)]
+    bearings = two_rings(views)
+    # With rolls of one sign on the upper ring, the baselines of neighbouring views are nearly perpendicular, also if
+    # the rolls are larger.
+    bearings[1::2] = [replace(bearing, roll_rad=-abs(bearing.roll_rad)) for bearing in bearings[1::2]]
+    return [_view_candidates(view_target, bearing) for bearing in bearings]
 
 
 def candidate_levels(
@@ -103,8 +109,16 @@ def candidate_levels(
 
 
 def _view_candidates(view_target: ViewTarget, bearing: Bearing) -> Iterator[list[CandidatePose]]:
-    preferred = float(np.clip(view_target.min_distance(bearing), *view_target.optics.working_m))
-    return candidate_levels(view_target, bearing, preferred, view_target.optics.working_m)
+    """Return the candidate poses of one view, with the roll at which the camera can be nearest to the target.
+
+    A workspace seen over its corner fills the image from nearer if the camera is rolled along its sides. Depth noise
+    grows with the square of the distance.
+    """
+    working_m = view_target.optics.working_m
+    rolled = [replace(bearing, roll_rad=factor * bearing.roll_rad) for factor in _ROLL_FACTORS]
+    distances = np.clip([view_target.min_distance(one) for one in rolled], *working_m)
+    nearest = int(np.argmin(distances.round(6)))
+    return candidate_levels(view_target, rolled[nearest], float(distances[nearest]), working_m)
 
 
 def _pose(

@@ -85,13 +85,14 @@ class LiveCell:
 
 @contextmanager
 def live_cell(
-    serve: Serve, data: Path, time_factor: float = 20.0, scene: str = "figure-eight", **settings: Any
+    serve: Serve, data: Path, time_factor: float = 20.0, scene: str = "figure-eight", seed: int = 0, **settings: Any
 ) -> Iterator[LiveCell]:
     """Yield a service with a fast simulated cell at a free loopback address."""
     host = free_host()
     # On a busy machine, a thread may wait for longer than the default timeout of the watchdog.
     arm = SimulatedArm(host=host, time_factor=time_factor, watchdog_hz=1.0)
-    with serve(data, arm=arm, camera=SimulatedCamera(model="ideal", scene=scene, **FAST), **settings) as client:
+    camera = SimulatedCamera(model="ideal", scene=scene, seed=seed, **FAST)
+    with serve(data, arm=arm, camera=camera, **settings) as client:
         cell = LiveCell(client, host)
         try:
             yield cell

@@ -143,7 +143,7 @@ def test_viewpoints_warn_about_calibration_and_coverage(
         '{"T_flange_camera": {"xyz_m": [0, 0, 0.05], "quat_xyzw": [1, 0, 0, 0]}}'
     )
     unreachable_cell.write_text(
-        unreachable_cell.read_text() + "[workspace]\nx_m = [0.2, 1.0]\ny_m = [-0.5, 0.5]\n[scan]\nmin_views = 2\n"
+        unreachable_cell.read_text() + "[workspace]\nx_m = [0.2, 1.0]\ny_m = [-0.7, 0.7]\n[scan]\nmin_views = 2\n"
     )
     main(["viewpoints", "--config", str(unreachable_cell)])
     out, err = capsys.readouterr()
