@@ -32,9 +32,15 @@ class EarlyEnd:
             self._decided.notify_all()
 
     def wait(self, views: int) -> bool:
-        """Wait for the decision after `views` views. Return whether the scan ends with them."""
+        """Return whether the scan ends with `views` views. Wait for the decision where it is likely to end.
+
+        It is where it may end for the first time. After that, it is only if the views before sufficed: what is doubtful
+        after the first views mostly stays so until the last one, and the arm loses no time.
+        """
         if self._min_views is None or views < self._min_views:
             return False
         with self._decided:
+            if views > self._min_views and not self._enough:
+                return False
             self._decided.wait_for(lambda: self._closed or self._views >= views, DECISION_TIMEOUT_S)
             return not self._closed and self._views == views and self._enough

@@ -10,14 +10,28 @@ from cell.control.early_end import EarlyEnd
 
 
 def test_the_decision_may_come_before_or_while_the_arm_waits() -> None:
+    before, meanwhile = EarlyEnd(4), EarlyEnd(4)
+    before.decide(4, enough=True)
+    assert before.wait(4)
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(meanwhile.wait, 4)
+        time.sleep(0.05)
+        assert not waiting.done()
+        meanwhile.decide(4, enough=True)
+        assert waiting.result(timeout=2.0)
+
+
+def test_after_a_doubt_the_arm_waits_again_only_where_the_views_before_sufficed() -> None:
     end = EarlyEnd(4)
     end.decide(4, enough=False)
     assert not end.wait(4)
+    assert not end.wait(5)  # at once
+    end.decide(5, enough=True)
     with ThreadPoolExecutor(1) as pool:
-        waiting = pool.submit(end.wait, 5)
+        waiting = pool.submit(end.wait, 6)
         time.sleep(0.05)
         assert not waiting.done()
-        end.decide(5, enough=True)
+        end.decide(6, enough=True)
         assert waiting.result(timeout=2.0)
 
 
