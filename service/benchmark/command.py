@@ -26,14 +26,23 @@ from service.benchmark.estimate import (
     scene_cost,
     service_s,
     speed_s,
+    views_s,
 )
 from service.benchmark.service import measure_service, service_json, service_table
 from service.benchmark.service_process import MeasurementError
+from service.benchmark.views import (
+    VIEWS_COLUMNS,
+    VIEWS_TIERS,
+    ViewsCase,
+    run_views_cases,
+    summarise_views,
+    views_row,
+)
 
 PARTS = ("speed", "cell", "service", "accuracy")
 """Parts that run unless one is chosen."""
-GRASPS = "grasps"
-"""Part that runs only if it is chosen, because the physics of all tiers takes an hour or more."""
+GRASPS, VIEWS = "grasps", "views"
+"""Parts that run only if they are chosen, because all tiers take long: grasps an hour or more."""
 REPORT_S = 15.0
 """Time between two messages on the progress of the accuracy part, if stderr is not a terminal."""
 
@@ -75,21 +84,23 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
     end.
 
     Args:
-        only: One of `PARTS`, or `GRASPS`. None: all of `PARTS`.
-        tiers: Names of `cell.simulation.cases.TIERS`. Empty: all tiers.
+        only: One of `PARTS`, `GRASPS` or `VIEWS`. None: all of `PARTS`.
+        tiers: Names of `cell.simulation.cases.TIERS`. Empty: all tiers that the part measures.
         seeds: Number of scenes of each tier. Every method recognises each scene.
-        jobs: Number of processes of the parts on accuracy and on grasps. None: one per core.
+        jobs: Number of processes of the parts on accuracy, grasps and views. None: one per core.
         as_json: Print one JSON document instead of Markdown tables.
 
     Returns:
         Exit code: 0 on success, 1 if an argument is wrong or a part failed.
     """
-    unknown = [tier for tier in tiers if tier not in TIERS]
+    known = VIEWS_TIERS if only == VIEWS else TIERS
+    unknown = [tier for tier in tiers if tier not in known]
     if unknown:
-        return _fail(f"there is no tier {unknown[0]!r}; known are {', '.join(TIERS)}")
+        part = "" if only is None else f" in the part {only}"
+        return _fail(f"there is no tier {unknown[0]!r}{part}; known are {', '.join(known)}")
     if seeds < 1 or (jobs is not None and jobs < 1):
         return _fail("--seeds and --jobs must be at least 1")
-    tiers = tuple(dict.fromkeys(tiers or TIERS))
+    tiers = tuple(dict.fromkeys(tiers or known))
     jobs = min(jobs or os.cpu_count() or 1, len(tiers) * seeds)
     parts = PARTS if only is None else (only,)
 
@@ -117,6 +128,8 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
                     document["service"] = service_json(service_times)
                 case "grasps":
                     document |= _grasps(tiers, seeds, jobs, progress, emit)
+                case "views":
+                    document |= _views(tiers, seeds, jobs, progress, emit)
                 case _:
                     document |= _accuracy(tiers, seeds, jobs, progress, emit)
         except MeasurementError as error:
@@ -130,7 +143,7 @@ def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: i
     """Time a probe on this machine, and return and announce the expected seconds of each part."""
     _log("timing a short probe to estimate the duration")
     estimates_s: dict[str, float] = {}
-    if set(parts) - {"accuracy", GRASPS}:
+    if set(parts) - {"accuracy", GRASPS, VIEWS}:
         probe = measure_probe(1)
         all_s = {"speed": speed_s(probe), "cell": cell_s(probe), "service": service_s(probe)}
         estimates_s |= {part: all_s[part] for part in parts if part in all_s}
@@ -138,6 +151,8 @@ def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: i
         estimates_s["accuracy"] = accuracy_s(tiers, seeds, jobs, measure_probe(jobs))
     if GRASPS in parts:
         estimates_s[GRASPS] = grasps_s(tiers, seeds, jobs, measure_probe(jobs))
+    if VIEWS in parts:
+        estimates_s[VIEWS] = views_s(tiers, seeds, jobs, measure_probe(jobs))
     processes = f"{jobs} process{'es' if jobs > 1 else ''}"
     described = {
         "speed": "speed, memory and growth",
@@ -145,6 +160,7 @@ def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: i
         "service": "the service under load",
         "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} in {processes}",
         GRASPS: f"simulated grasps in {len(tiers) * seeds} scenes in {processes}",
+        VIEWS: f"views as needed and eight views on {len(tiers) * seeds} scenes in {processes}",
     }
     _log(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
     return estimates_s
@@ -239,6 +255,33 @@ def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emi
     return {
         "grasps": {tier: {name: asdict(summary) for name, summary in of.items()} for tier, of in summaries.items()},
         "grasp_cases": [grasps.grasp_case_json(case) for case in results],
+    }
+
+
+def _views(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+    """Compare views as needed with eight views, with a message from time to time."""
+    total, done, reported_s = len(tiers) * seeds, 0, time.monotonic()
+    emit(tables.table_head(VIEWS_COLUMNS))
+
+    def on_done(tier: str) -> None:
+        nonlocal done, reported_s
+        done += 1
+        if time.monotonic() - reported_s > REPORT_S and done < total:
+            _log(f"views: {done} of {total} scenes, at tier {tier} ({progress.left(done / total)})")
+            reported_s = time.monotonic()
+
+    cases = run_views_cases(tiers, seeds, jobs, on_done)
+    results: list[ViewsCase] = []
+    summaries = {}
+    for tier in tiers:
+        of_tier = list(islice(cases, seeds))
+        results += [case for case in of_tier if case is not None]
+        summaries[tier] = summarise_views(of_tier)
+        emit(views_row(tier, summaries[tier]))
+        _log(f"views: tier {tier} is done ({progress.left(done / total)})")
+    return {
+        "views": {tier: asdict(summary) for tier, summary in summaries.items()},
+        "views_cases": [asdict(case) for case in results],
     }
 
 

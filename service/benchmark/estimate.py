@@ -39,6 +39,17 @@ GRASP_COSTS: Mapping[str, float] = {
     "fixtures": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
+VIEWS_COSTS: Mapping[str, float] = {
+    "paper": 1.0,
+    "long": 1.0,
+    "many": 1.0,
+    "physical": 0.9,
+    "soft": 0.8,
+    "photo": 0.6,
+    "hard": 3.7,
+    "fixtures": 0.8,
+}
+"""Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0
 """The speed part starts this many processes, and computes for this many probes."""
 CELL_PACED_S, CELL_PROBES = 135.0, 10.0
@@ -99,6 +110,11 @@ def accuracy_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> flo
 def grasps_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
     """Return the expected seconds of the part on grasps. The arguments are as for `accuracy_s`."""
     return _elapsed_s([GRASP_COSTS[tier] for tier in tiers for _ in range(seeds)], jobs, probe)
+
+
+def views_s(tiers: Sequence[str], seeds: int, jobs: int, probe: Probe) -> float:
+    """Return the expected seconds of the part on views. The arguments are as for `accuracy_s`."""
+    return _elapsed_s([VIEWS_COSTS[tier] for tier in tiers for _ in range(seeds)], jobs, probe)
 
 
 def _elapsed_s(costs: Iterable[float], jobs: int, probe: Probe) -> float:

@@ -125,20 +125,21 @@ def _parser() -> argparse.ArgumentParser:
         help="measure accuracy, speed, the simulated cell and the service under load; needs a checkout of the sources",
         description="Measure speed, memory and growth of recognition on this machine, a live scan of the simulated "
         "cell, the service under load, and the accuracy of every method on simulated scenes, tier by tier; or, on "
-        "request, the share of grasps that lift the right string in a simulation with contact and friction. Print "
-        "Markdown tables on stdout as they are known, and progress with the remaining time on stderr. The scenes are "
-        "the same every time. The wheel does not contain the benchmark: run it in a checkout of the sources.",
+        "request, the share of grasps that lift the right string in a simulation with contact and friction, and the "
+        "accuracy of live scans with views as needed. Print Markdown tables on stdout as they are known, and progress "
+        "with the remaining time on stderr. The scenes are the same every time. The wheel does not contain the "
+        "benchmark: run it in a checkout of the sources.",
     )
     bench.add_argument(
         "--only",
-        choices=("speed", "cell", "service", "accuracy", "grasps"),
-        help="measure this part only; grasps, which takes an hour or more, is not measured otherwise",
+        choices=("speed", "cell", "service", "accuracy", "grasps", "views"),
+        help="measure this part only; grasps (an hour or more) and views are not measured otherwise",
     )
     bench.add_argument("--seeds", type=int, default=40, metavar="N", help="scenes of each tier (%(default)s)")
     bench.add_argument(
         "--tiers", type=_names, default=(), metavar="A,B", help="tiers to measure; an unknown name lists all (all)"
     )
-    bench.add_argument("--jobs", type=int, metavar="N", help="processes of accuracy and grasps (one per core)")
+    bench.add_argument("--jobs", type=int, metavar="N", help="processes of accuracy, grasps and views (one per core)")
     add_json_option(bench, "one JSON document, with the result of each scene")
     bench.set_defaults(run=_bench)
 

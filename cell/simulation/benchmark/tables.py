@@ -64,7 +64,7 @@ def accuracy_rows(accuracy: Mapping[str, Mapping[str, Summary]]) -> list[str]:
         for tier, methods in accuracy.items()
         for method, s in methods.items()
     ]
-    return [_row(row) for row in rows]
+    return [table_row(row) for row in rows]
 
 
 def grasp_rows(grasps: Mapping[str, Mapping[str, GraspSummary]]) -> list[str]:
@@ -85,7 +85,7 @@ def grasp_rows(grasps: Mapping[str, Mapping[str, GraspSummary]]) -> list[str]:
         for tier, selections in grasps.items()
         for selection, s in selections.items()
     ]
-    return [_row(row) for row in rows]
+    return [table_row(row) for row in rows]
 
 
 def sigma_table(sigma: Mapping[str, Mapping[str, Any]]) -> str:
@@ -199,15 +199,16 @@ def growth_table(growth: Growth) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Format a Markdown table."""
-    return "\n".join([table_head(head), *map(_row, rows)])
+    return "\n".join([table_head(head), *map(table_row, rows)])
 
 
 def table_head(columns: Sequence[str]) -> str:
     """Format the heading line and the separator line of a Markdown table."""
-    return f"{_row(columns)}\n{_row(['---'] * len(columns))}"
+    return f"{table_row(columns)}\n{table_row(['---'] * len(columns))}"
 
 
-def _row(cells: Sequence[str]) -> str:
+def table_row(cells: Sequence[str]) -> str:
+    """Format one row of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 

@@ -11,6 +11,8 @@ import pytest
 from cell.simulation.benchmark.grasps import GraspCase, GraspResult
 from cell.simulation.benchmark.scaling import Growth, make_rows
 from cell.simulation.benchmark.speed import Speed, Timing
+from cell.simulation.cases import TIERS
+from cell.simulation.evaluation.metrics import Score
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
@@ -18,6 +20,7 @@ from recognition.model.model import METHODS
 from service.benchmark.estimate import Probe
 from service.benchmark.service import Answers, ServiceTimes
 from service.benchmark.service_process import MeasurementError
+from service.benchmark.views import ViewsCase, ViewsResult
 from service.cli.main import main
 
 SERIES = make_rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
@@ -177,6 +180,43 @@ def test_grasps_are_printed_by_tier_and_selection(capsys: pytest.CaptureFixture[
     assert (refused["scenes"], refused["without grasp"], refused["right string lifted"]) == ("0", "2", "-")
     assert "simulated grasps in 4 scenes" in err
     assert "grasps: tier measured is done (about 0 s left)" in err
+
+
+@pytest.fixture
+def viewed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Replace the comparison of views, which takes seconds a scene, by fixed results. Odd scenes are outside."""
+    score = Score("arc", 1, 1, 2, 0, 0, 0.0002, 0.0004, 0.0001, 0.0006, 1.0, True, 0)
+
+    def run(tier_and_seed: tuple[str, int]) -> ViewsCase | None:
+        tier, seed = tier_and_seed
+        result = ViewsResult(score, "accept")
+        return None if seed % 2 else ViewsCase(tier, seed, 4 + seed, result, result)
+
+    monkeypatch.setattr("service.benchmark.views.map_in_processes", lambda _, items, jobs: map(run, items))
+
+
+@pytest.mark.usefixtures("viewed")
+def test_views_are_printed_by_tier(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "views", "--tiers", "paper,soft", "--seeds", "3"]) == 0
+    out, err = capsys.readouterr()
+    head, _, *lines = out.splitlines()
+    assert head.startswith("| tier | scenes | four views enough |")
+    figures = "2 | 50% | 5.0 | 2 | 2 | 0 | 0 | 0.20 mm | 0.20 mm | 0.60 mm | 0.60 mm |"
+    assert lines == [f"| paper | {figures}", f"| soft | {figures}"]
+    assert "views as needed and eight views on 6 scenes" in err
+    assert "views: tier soft is done (about 0 s left)" in err
+
+
+@pytest.mark.usefixtures("viewed")
+def test_views_are_one_document_of_all_tiers_that_the_cell_can_have(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "--only", "views", "--seeds", "2", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert set(document) == {"machine", "views", "views_cases"}
+    assert set(document["views"]) == set(TIERS) - {"measured"}
+    assert document["views"]["paper"]["auto_mean_mm"] == 0.2
+    assert [case["seed"] for case in document["views_cases"]] == 8 * [0]
+    assert main(["bench", "--only", "views", "--tiers", "measured"]) == 1
+    assert "there is no tier 'measured' in the part views" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("grasped")

@@ -6,6 +6,7 @@ from cell.simulation.cases import TIERS
 from service.benchmark.estimate import (
     GRASP_COSTS,
     TIER_COSTS,
+    VIEWS_COSTS,
     Probe,
     accuracy_s,
     cell_s,
@@ -16,13 +17,16 @@ from service.benchmark.estimate import (
     scene_cost,
     service_s,
     speed_s,
+    views_s,
 )
+from service.benchmark.views import VIEWS_TIERS
 
 UNIT = Probe(start_s=0.0, case_s=1.0)
 
 
 def test_every_tier_has_a_cost() -> None:
     assert set(TIER_COSTS) == set(GRASP_COSTS) == set(TIERS)
+    assert set(VIEWS_COSTS) == set(VIEWS_TIERS)
     assert all(cost > 0 for costs in TIER_COSTS.values() for cost in costs)
 
 
@@ -43,6 +47,11 @@ def test_accuracy_scales_with_the_machine_the_scenes_and_the_processes() -> None
 
 def test_grasps_take_several_times_as_long_as_accuracy() -> None:
     assert grasps_s(["paper", "photo"], 4, 2, UNIT) > 3 * accuracy_s(["paper", "photo"], 4, 2, UNIT)
+
+
+def test_views_scale_with_the_scenes_and_the_processes() -> None:
+    assert views_s(["paper"], 6, 1, UNIT) == pytest.approx(6 * VIEWS_COSTS["paper"])
+    assert views_s(["paper"], 6, 2, UNIT) == pytest.approx(3 * VIEWS_COSTS["paper"])
 
 
 def test_the_paced_parts_depend_little_on_the_machine() -> None:
