@@ -6,9 +6,10 @@ views never suffice, because a model of two views may be wrong without a finding
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import get_args
 
 from recognition.model.chains import MIN_CERTAIN_CONFIDENCE
-from recognition.model.findings import Finding, finding
+from recognition.model.findings import Finding, Which, finding
 from recognition.model.model import PointChainModel
 
 MIN_SUFFICIENT_VIEWS = 4
@@ -40,7 +41,8 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
     """Return what is doubtful about a model and may be certain with another view.
 
     There is no doubt if the model has a chain, at least `MIN_SUFFICIENT_VIEWS` used views, no finding above a note, no
-    unobserved end, no crossing below `MIN_CONFIDENCE`, and the topology of the model before.
+    unobserved end, no crossing below `MIN_CONFIDENCE`, and the topology of the model before. An end at the border of
+    the workspace is no doubt, because other views show no more of it.
 
     Args:
         model: Model of the views so far.
@@ -52,11 +54,17 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
         doubts.append("no string was found")
     elif used < MIN_SUFFICIENT_VIEWS:
         doubts.append(f"only {used} views can be used")
-    named = {chain for found in model.quality.findings if found.code == "end-unobserved" for chain in found.chains}
+    explained = {
+        (chain, found.end)
+        for found in model.quality.findings
+        if found.code in ("end-unobserved", "end-at-border")  # the first of them is a doubt of its own
+        for chain in found.chains
+    }
     doubts += [
-        f"an end of chain {chain.id} was not observed"
+        f"the {which} end of chain {chain.id} was not observed"
         for chain in model.chains
-        if "unobserved" in chain.ends and chain.id not in named
+        for which, kind in zip(get_args(Which), chain.ends, strict=True)
+        if kind == "unobserved" and (chain.id, which) not in explained
     ]
     doubts += [
         f"the confidence of crossing {crossing.id} is {crossing.confidence:.2f}"

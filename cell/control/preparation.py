@@ -70,6 +70,7 @@ class Preparation:
         scan = settings.scan
         require_enough(plan, scan.min_views)
         self._stops.raise_if_stopped_since(requested_at)
+        may_end_after = max(scan.min_views, MIN_SUFFICIENT_VIEWS) if scan.views == "auto" else None
         return PreparedScan(
             plan,
             hand_eye,
@@ -78,8 +79,9 @@ class Preparation:
             replace(self._recording_header(hand_eye, connected), views_as_needed=scan.views == "auto"),
             connect_s=connected_at - started_at,
             plan_s=planned_at - connected_at,
-            expected=expected_duration(plan, settings),
-            may_end_after=max(scan.min_views, MIN_SUFFICIENT_VIEWS) if scan.views == "auto" else None,
+            expected=expected_duration(plan, settings, may_end_after),
+            expected_with_all=expected_duration(plan, settings),
+            may_end_after=may_end_after,
         )
 
     def check_scan(self, requested_at: float) -> None:

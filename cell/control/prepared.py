@@ -32,7 +32,9 @@ class PreparedScan:
     plan_s: float
     """Time that planning the viewpoints took, seconds."""
     expected: ExpectedDuration
-    """How long the scan is expected to take from its first move on."""
+    """How long the scan is expected to take from its first move on, with as few views as may do."""
+    expected_with_all: ExpectedDuration
+    """How long the scan takes from its first move on if all viewpoints are visited."""
     may_end_after: int | None = None
     """Number of views after which the scan may end early. None: all viewpoints are visited."""
 

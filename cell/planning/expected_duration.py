@@ -25,20 +25,22 @@ class ExpectedDuration:
     """Time until the arm is home."""
 
 
-def expected_duration(plan: ViewpointPlan, settings: CellSettings) -> ExpectedDuration:
-    """Return how long a scan takes. With `auto` views, it is expected to end after the first ring.
+def expected_duration(plan: ViewpointPlan, settings: CellSettings, ends_after: int | None = None) -> ExpectedDuration:
+    """Return how long a scan takes.
 
     Args:
         plan: Viewpoints and path.
         settings: Settings with which they were planned.
+        ends_after: Number of views after which the scan ends. The arm waits there for the decision. None: all views.
     """
     legs = [leg for leg in plan.legs if leg.view is not None]
-    legs = legs[: len(plan.first) or None]
+    waits = ends_after is not None and ends_after < len(legs)
+    legs = legs[:ends_after]
     if not legs:
         return ExpectedDuration(0.0, 0.0)
     factor = settings.arm.time_factor if isinstance(settings.arm, SimulatedArm) else 1.0
     camera = settings.camera
     dwell_s = camera.settle_s + camera.exposures / camera.frame_rate + VIEW_OVERHEAD_S
     last_view_s = sum(leg.duration_s for leg in legs) / factor + len(legs) * dwell_s
-    checked_s = RECOGNITION_S if plan.first else 0.0  # the arm waits for the decision to end the scan
+    checked_s = RECOGNITION_S if waits else 0.0
     return ExpectedDuration(last_view_s + RECOGNITION_S, last_view_s + checked_s + legs[-1].home_duration_s / factor)

@@ -2,9 +2,10 @@
 
 import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from cell.control.background_scan import BackgroundScan
@@ -19,7 +20,7 @@ from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics
 from service.processing.recording_metadata import describe_recording
 from service.processing.results import Outcome, add_recording_hash
-from service.processing.worker import RecognitionWorker, TaskFailedError
+from service.processing.worker import OnCheck, RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
 from service.storage.data_folder import MODEL
 from service.storage.rows import ScanRow
@@ -38,11 +39,13 @@ def run_live_scan(
     task: Task,
     limit_s: float,
     metrics: ScanMetrics,
+    on_more_views: Callable[[], None],
 ) -> Iterator[Outcome]:
     """Take the views, recognise them, and store the recording. Yields the result.
 
-    The body runs while the arm returns home; the end of the context waits for that. If an error ends the scan, the
-    views taken so far are in the store as a recording.
+    `on_more_views` is called if the scan might have ended early but goes on. The body runs while the arm returns home;
+    the end of the context waits for that. If an error ends the scan, the views taken so far are in the store as a
+    recording.
 
     Raises:
         CellError: The views could not be taken, or the arm did not return home.
@@ -55,7 +58,8 @@ def run_live_scan(
         with RecordingWriter(path, task.source) as writer:
             progress = StoredProgress(store, scan, len(prepared.plan.viewpoints), writer, metrics)
             with cell.run(prepared, writer, progress) as views:
-                outcome = _recognise(store, scan.id, worker, task, limit_s, views)
+                on_check = partial(_decide, views, prepared.may_end_after, on_more_views)
+                outcome = _recognise(store, scan.id, worker, task, limit_s, views, on_check)
                 try:
                     model = json.loads((task.results / MODEL).read_bytes())
                     writer.write_result(model)
@@ -73,7 +77,13 @@ def run_live_scan(
 
 
 def _recognise(
-    store: Store, scan_id: str, worker: RecognitionWorker, task: Task, limit_s: float, views: BackgroundScan
+    store: Store,
+    scan_id: str,
+    worker: RecognitionWorker,
+    task: Task,
+    limit_s: float,
+    views: BackgroundScan,
+    on_check: OnCheck,
 ) -> Outcome:
     def all_views() -> Iterator[View]:
         yield from views
@@ -84,10 +94,6 @@ def _recognise(
         # While views are still being taken, the stages of the earlier ones are not reported.
         store.scans.update(scan_id, ("processing",), stage=name)
 
-    def on_check(check: ViewCheck) -> None:
-        log.info("after %d views: %s", check.views, "; ".join(check.doubts) or "nothing is doubtful")
-        views.early_end.decide(check.views, check.suffices)
-
     try:
         outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing, on_check)
     except TaskFailedError:
@@ -97,6 +103,15 @@ def _recognise(
         views.wait()  # and let the arm return home
         raise
     return replace(outcome, partial=outcome.partial or bool(views.missing))
+
+
+def _decide(
+    views: BackgroundScan, may_end_after: int | None, on_more_views: Callable[[], None], check: ViewCheck
+) -> None:
+    log.info("after %d views: %s", check.views, "; ".join(check.doubts) or "nothing is doubtful")
+    views.early_end.decide(check.views, check.suffices)
+    if check.views == may_end_after and not check.suffices:
+        on_more_views()
 
 
 def keep_recording(store: Store, scan_id: str) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
 from cell.errors import CellError
+from cell.planning.expected_duration import ExpectedDuration
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from service.errors import Failure
@@ -85,7 +86,7 @@ class ScanWork:
             if prepared is None:
                 yield self._replay(job.row, results)
             else:
-                with self._live(job.row, prepared, results) as outcome:
+                with self._live(job, prepared, results) as outcome:
                     yield outcome
                 self._write_return(job)
         finally:
@@ -146,8 +147,7 @@ class ScanWork:
         job.timing |= {
             "connect": round(prepared.connect_s, 3),
             "plan": round(prepared.plan_s, 3),
-            "expected_to_model": round(prepared.expected.to_model_s, 1),
-            "expected_to_home": round(prepared.expected.to_home_s, 1),
+            **_expected(prepared.expected),
         }
         log.info("%s has its plan: %d views", job.label, len(prepared.plan.viewpoints))
         planned = {"calibration_sha256": prepared.hand_eye.sha256, "timing": job.timing}
@@ -173,12 +173,19 @@ class ScanWork:
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
         return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
 
-    def _live(self, scan: ScanRow, prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
+    def _live(self, job: Job[ScanRow], prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
+        def expect_all_views() -> None:
+            job.timing |= _expected(prepared.expected_with_all)
+            self._store.scans.set_timing(job.row.id, job.timing)
+
+        scan = job.row
         header = dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m)
         task = dataclasses.replace(self._task(scan, header, results), check_views=prepared.may_end_after is not None)
         inputs = recognition_inputs(task)
         self._store.scans.update(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
-        return run_live_scan(scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics)
+        return run_live_scan(
+            scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics, expect_all_views
+        )
 
     def _task(
         self,
@@ -232,3 +239,10 @@ class ScanWork:
             log.warning("the preview of scan %s could not be kept: %s", scan.id, error)
         finally:
             self.drawing = None
+
+
+def _expected(expected: ExpectedDuration) -> dict[str, float]:
+    return {
+        "expected_to_model": round(expected.to_model_s, 1),
+        "expected_to_home": round(expected.to_home_s, 1),
+    }

@@ -43,7 +43,7 @@ def test_a_clear_model_that_stayed_the_same_has_no_doubt() -> None:
         (model(used=3), "only 3 views can be used"),
         (model(finding("table-not-covered", "5 % of the table is not covered")), "5 % of the table is not covered"),
         (model(finding("sharp-bend", "it bends by 2 rad", chains=[0])), "it bends by 2 rad"),
-        (model(chains=(replace(STRING, ends=("free", "unobserved")),)), "an end of chain 0 was not observed"),
+        (model(chains=(replace(STRING, ends=("free", "unobserved")),)), "the last end of chain 0 was not observed"),
         (model(crossings=(crossing(0, 0.05, 0.15, 0.98),)), "the confidence of crossing 0 is 0.98"),
         (model(crossings=(crossing(0, 0.05, 0.15),)), "the model of one view less has another topology"),
         (model(chains=(replace(STRING, closed=True),)), "the model of one view less has another topology"),
@@ -52,6 +52,15 @@ def test_a_clear_model_that_stayed_the_same_has_no_doubt() -> None:
 )
 def test_each_doubt_is_named(now: PointChainModel, doubt: str) -> None:
     assert doubt in find_doubts(now, model())
+
+
+def test_an_end_at_the_border_of_the_workspace_is_no_doubt() -> None:
+    """Other views of the same workspace show no more of it."""
+    chains = (replace(STRING, ends=("unobserved", "unobserved")),)
+    at_border = finding("end-at-border", "it is at the border", chains=[0], end="first")
+    assert find_doubts(model(at_border, chains=chains), model()) == ("the last end of chain 0 was not observed",)
+    unseen = finding("end-unobserved", "it was not observed", chains=[0], end="last")
+    assert find_doubts(model(at_border, unseen, chains=chains), model()) == ("it was not observed",)
 
 
 def test_a_crossing_whose_strands_changed_places_is_another_topology() -> None:
@@ -64,7 +73,7 @@ def test_a_first_model_is_not_certain() -> None:
 
 
 def test_an_unobserved_end_with_a_finding_is_named_once() -> None:
-    found = finding("end-unobserved", "the end at (0.2, 0, 0) is hidden", chains=[0])
+    found = finding("end-unobserved", "the end at (0.2, 0, 0) is hidden", chains=[0], end="last")
     now = model(found, chains=(replace(STRING, ends=("free", "unobserved")),))
     assert find_doubts(now, model()) == (found.message,)
 

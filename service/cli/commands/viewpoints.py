@@ -41,7 +41,7 @@ def plan_viewpoints(config_file: Path | None, views: Views | None, picture: Path
 
             picture.write_bytes(draw_plan(plan, config.cell))
             print(f"wrote {picture}", file=sys.stderr)
-        print(json.dumps(plan.to_json(), allow_nan=False) if as_json else _table(plan))
+        print(json.dumps(plan.to_json(), allow_nan=False) if as_json else _table(plan, config.scan.min_views))
         require_enough(plan, min(config.scan.min_views, len(plan.viewpoints)))
     except (ConfigError, CellError) as error:
         print(f"pointchain viewpoints: {error}", file=sys.stderr)
@@ -52,7 +52,7 @@ def plan_viewpoints(config_file: Path | None, views: Views | None, picture: Path
     return 0
 
 
-def _table(plan: ViewpointPlan) -> str:
+def _table(plan: ViewpointPlan, min_views: int) -> str:
     order = [leg.view for leg in plan.legs if leg.view is not None]
     lines = ["view  order  azimuth  elevation  distance  roll  reached"]
     for v in plan.viewpoints:
@@ -67,7 +67,7 @@ def _table(plan: ViewpointPlan) -> str:
         f"{plan.reachable} of {len(plan.viewpoints)} reached, from home ({home}) and back, angles in degrees. The arm "
         f"moves for {plan.duration_s:.1f} s. Planned in {plan.planning_s:.2f} s."
     )
-    if plan.early_duration_s is not None:
+    if plan.early_duration_s is not None and min_views <= len(plan.first):
         lines.append(
             f"If the scan ends after viewpoints {', '.join(map(str, plan.first))}, the arm moves for "
             f"{plan.early_duration_s:.1f} s, with the path home."

@@ -23,13 +23,15 @@ def test_all_views_are_expected_of_a_number() -> None:
     )
 
 
-def test_the_first_ring_is_expected_of_auto() -> None:
+@pytest.mark.parametrize("views", [4, 6])
+def test_a_scan_that_ends_early_returns_home_after_the_decision(views: int) -> None:
     settings = CellSettings(camera=EXACT).for_views("auto")
     plan = plan_viewpoints(settings, T_FLANGE_CAMERA, None)
-    expected = expected_duration(plan, settings)
-    motion_s = sum(leg.duration_s for leg in plan.legs[:4])
-    assert expected.to_model_s == pytest.approx(motion_s + 4 * DWELL_S + RECOGNITION_S)
-    assert expected.to_model_s < expected.to_home_s < expected.to_model_s + 4.0
+    expected = expected_duration(plan, settings, views)
+    motion_s = sum(leg.duration_s for leg in plan.legs[:views])
+    assert expected.to_model_s == pytest.approx(motion_s + views * DWELL_S + RECOGNITION_S)
+    assert expected.to_home_s == pytest.approx(expected.to_model_s + plan.legs[views - 1].home_duration_s)
+    assert expected_duration(plan, settings, 8) == expected_duration(plan, settings)
 
 
 def test_a_simulated_arm_may_be_faster() -> None:

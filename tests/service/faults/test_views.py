@@ -200,6 +200,17 @@ def test_too_few_views_fail_the_scan_and_are_kept(cell: LiveCell, finished: Fini
     cell.is_well()  # the arm is at home, and another scan is possible
 
 
+def test_a_scan_with_views_as_needed_expects_all_of_them_once_it_goes_on(cell: LiveCell, finished: Finished) -> None:
+    cell.is_well()
+    eight = finished(cell.client, cell.start())
+    cell.is_well()
+    auto = finished(cell.client, cell.start(views="auto"))
+    assert len(auto["timing_s"]["views"]) == 8  # an empty table is doubtful
+    # The rings come one after the other, which takes longer than the best order of all viewpoints.
+    for name in ("expected_to_model", "expected_to_home"):
+        assert auto["timing_s"][name] > eight["timing_s"][name]
+
+
 @pytest.mark.fault(16)
 def test_an_empty_table_gives_a_result_with_a_reason(cell: LiveCell, finished: Finished) -> None:
     cell.is_well()
