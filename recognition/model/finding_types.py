@@ -330,7 +330,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "more-views-needed": FindingType(
         severity="note",
         scope="nothing",
-        meaning="A scan that takes views as needed took more than four. The message says what was doubtful after each.",
+        meaning="A scan with views as needed went on because something was doubtful. The message says what.",
         action="Nothing. What is still doubtful has findings of its own.",
         decision="nothing",
         value="number of views after which something was doubtful for the last time",
