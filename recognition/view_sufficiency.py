@@ -15,7 +15,7 @@ from recognition.model.model import PointChainModel
 MIN_SUFFICIENT_VIEWS = 4
 """Smallest number of views that can suffice."""
 FIRST_CHECK = MIN_SUFFICIENT_VIEWS - 1
-"""Number of views that are recognised first, because a model is compared with that of one view less."""
+"""Number of views that are recognised first, because a model is compared with that of fewer views."""
 MIN_CONFIDENCE = 0.99
 """Smallest confidence of a crossing that needs no further view."""
 MAX_DOUBTS = 3
@@ -46,7 +46,7 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
 
     Args:
         model: Model of the views so far.
-        before: Model of the same views without the last one, or None if there is none.
+        before: Model of the same views without the last one or more, or None if there is none.
     """
     doubts = [found.message for found in model.quality.findings if found.severity != "note"]
     used = sum(view.used for view in model.quality.views)
@@ -72,9 +72,9 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
         if MIN_CERTAIN_CONFIDENCE <= crossing.confidence < MIN_CONFIDENCE  # a lower one has a finding
     ]
     if before is None:
-        doubts.append("there is no model of one view less")
+        doubts.append("there is no model of fewer views")
     elif _topology(before) != _topology(model):
-        doubts.append("the model of one view less has another topology")
+        doubts.append("the model of fewer views has another topology")
     return tuple(doubts)
 
 

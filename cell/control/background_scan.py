@@ -56,6 +56,10 @@ class BackgroundScan:
         """Error that ended the scan, or None."""
         return self._scan_error or self._home_error
 
+    def next_is_here(self) -> bool:
+        """Return whether the iteration goes on at once: with the next view, or to its end."""
+        return not self._views.empty()
+
     def __iter__(self) -> Iterator[View]:
         """Yield each view once, when it is on the disk. A second iteration continues after the first.
 

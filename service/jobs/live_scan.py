@@ -95,7 +95,7 @@ def _recognise(
         store.scans.update(scan_id, ("processing",), stage=name)
 
     try:
-        outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing, on_check)
+        outcome = worker.run(task, on_stage, limit_s, all_views(), views.missing, on_check, views.next_is_here)
     except TaskFailedError:
         views.early_end.close()
         for _ in views:

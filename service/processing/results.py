@@ -182,6 +182,7 @@ def recognise_views(
     all_grasps: bool = False,
     source: Source | None = None,
     on_check: Callable[[ViewCheck], None] | None = None,
+    next_is_here: Callable[[], bool] = lambda: False,
 ) -> "Recognition":
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
@@ -197,6 +198,7 @@ def recognise_views(
         all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
         source: Scan and hash of the recording, for the provenance of the model.
         on_check: Receives what is doubtful after each view, from the third on. None: only all views are recognised.
+        next_is_here: Whether the next view is already here. The views before it are not recognised then.
 
     Raises:
         RecognitionError: The radius or the views cannot be used. If too few views can be used, the message also says
@@ -218,7 +220,7 @@ def recognise_views(
         recognition = (
             recognise_some(arriving)
             if on_check is None
-            else recognise_after_each_view(arriving, recognise_some, on_check)
+            else recognise_after_each_view(arriving, recognise_some, on_check, next_is_here)
         )
     except InsufficientViewsError as error:
         incomplete = [found.message for found in missing if found.code == "recording-incomplete"]

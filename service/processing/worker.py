@@ -20,7 +20,15 @@ from cell.process.logging import child_logging_setup
 from recognition.view_sufficiency import FIRST_CHECK, ViewCheck
 from service.errors import Failure
 from service.processing.results import OnStage, Outcome
-from service.processing.worker_main import Cancelled, EndOfViews, PreviewEnded, Stage, Task, run_process
+from service.processing.worker_main import (
+    Cancelled,
+    EndOfViews,
+    PreviewEnded,
+    Stage,
+    Task,
+    ViewBeforeNext,
+    run_process,
+)
 from service.signals import block_sigint_for_children
 
 log = logging.getLogger(__name__)
@@ -121,6 +129,7 @@ class RecognitionWorker:
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
         on_check: OnCheck = lambda _: None,
+        next_is_here: Callable[[], bool] = lambda: False,
     ) -> Outcome:
         """Run one task in the started process and return its outcome.
 
@@ -131,13 +140,15 @@ class RecognitionWorker:
             views: Views of a running scan, as they are taken. An error that the iteration raises ends the task.
             missing: Missing views. They are read after the last view.
             on_check: For a task with `check_views`, receives what is doubtful after each view, from the third on.
+            next_is_here: For a task with `check_views`, whether `views` can yield the next view at once. The views
+                before it are not checked then.
 
         Raises:
             TaskFailedError: The input was refused, the process died or was killed, or the time is over.
         """
         self._idle = False
         try:
-            message = self._exchange(task, on_stage, timeout_s, views, missing, on_check)
+            message = self._exchange(task, on_stage, timeout_s, views, missing, on_check, next_is_here)
         except BaseException:
             if not self._idle:
                 self.kill()  # a late answer would be taken for the answer to the next task
@@ -211,12 +222,14 @@ class RecognitionWorker:
         views: Iterable[View],
         missing: Sequence[MissingView],
         on_check: OnCheck,
+        next_is_here: Callable[[], bool],
     ) -> Outcome | Failure:
         self._send(task, timeout_s)
         if not isinstance(task.source, Path):
             for number, view in enumerate(self._cancel_on_error(views), 1):
-                self._send(view, timeout_s)
-                if task.check_views and number >= FIRST_CHECK:
+                is_skipped = task.check_views and number > FIRST_CHECK and next_is_here()
+                self._send(ViewBeforeNext(view) if is_skipped else view, timeout_s)
+                if task.check_views and number >= FIRST_CHECK and not is_skipped:
                     check = self._receive(time.monotonic() + timeout_s)
                     if isinstance(check, Failure):
                         return check

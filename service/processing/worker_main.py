@@ -77,6 +77,13 @@ class Task:
     """Whether the views so far are recognised when a view arrives, to find out whether they suffice."""
 
 
+@dataclass(frozen=True, eq=False)
+class ViewBeforeNext:
+    """Message to the process: a view after which the views are not recognised, because the next one follows at once."""
+
+    view: View
+
+
 @dataclass(frozen=True)
 class EndOfViews:
     """Message to the process: no more views follow."""
@@ -190,17 +197,20 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> "Recognition"
         missing = incomplete_findings(dict.fromkeys((*task.missing, *recording.missing)))
         return _recognise_views(task, recording.views, recording.header, missing, on_stage)
     missing = []
+    next_is_here = False
 
     def receive_views() -> Iterator[View]:
-        while isinstance(message := pipe.recv(), View):
-            yield message
+        nonlocal next_is_here
+        while isinstance(message := pipe.recv(), View | ViewBeforeNext):
+            next_is_here = isinstance(message, ViewBeforeNext)
+            yield message.view if isinstance(message, ViewBeforeNext) else message
         if isinstance(message, Cancelled):
             raise TaskCancelledError
         assert isinstance(message, EndOfViews)
         missing.extend(finding("view-missing", view.message, view=view.index) for view in message.missing)
 
     if task.check_views:
-        return _recognise_views(task, receive_views(), task.source, missing, None, pipe.send)
+        return _recognise_views(task, receive_views(), task.source, missing, None, pipe.send, lambda: next_is_here)
     return _recognise_views(task, receive_views(), task.source, missing, on_stage)
 
 
@@ -211,6 +221,7 @@ def _recognise_views(
     missing: Sequence[Finding],
     on_stage: OnStage | None,
     on_check: Callable[[ViewCheck], None] | None = None,
+    next_is_here: Callable[[], bool] = lambda: False,
 ) -> "Recognition":
     return recognise_views(
         views,
@@ -223,6 +234,7 @@ def _recognise_views(
         all_grasps=task.all_grasps,
         source=Source(task.scan, task.recording_sha256),
         on_check=on_check,
+        next_is_here=next_is_here,
     )
 
 

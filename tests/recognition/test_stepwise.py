@@ -1,6 +1,6 @@
 """Recognition after each view: when it ends, that it equals the recognition of the same views, and why it goes on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -39,8 +39,8 @@ class Watcher:
         # without a workspace there is no finding on the coverage of the table
         return recognise(views, self._parameters, Scene(), earlier=earlier)
 
-    def run(self) -> Recognition:
-        return recognise_after_each_view(self._views(), self.recognise_some, self.checks.append)
+    def run(self, next_is_here: Callable[[], bool] = lambda: False) -> Recognition:
+        return recognise_after_each_view(self._views(), self.recognise_some, self.checks.append, next_is_here)
 
     def _views(self) -> Iterator[View]:
         for index in self._order:
@@ -70,6 +70,15 @@ def test_an_empty_table_needs_all_views() -> None:
     (found,) = (found for found in model.quality.findings if found.code == "more-views-needed")
     assert found.message.startswith("more than 4 views were needed; after 4 views: no string was found; ")
     assert found.value == 7
+
+
+@pytest.mark.parametrize("waiting", [(5, 6, 7), (4, 5, 6, 7, 8)])
+def test_views_are_not_recognised_while_the_next_one_is_here(waiting: tuple[int, ...]) -> None:
+    scan = scanned("empty", 1)
+    watcher = Watcher(scan)
+    model = watcher.run(lambda: len(watcher.taken) in waiting).model
+    assert [check.views for check in watcher.checks] == [k for k in range(3, 9) if k not in waiting]
+    assert sum(view.used for view in model.quality.views) == 8
 
 
 def test_views_that_cannot_be_recognised_yet_are_a_doubt() -> None:

@@ -45,8 +45,8 @@ def test_a_clear_model_that_stayed_the_same_has_no_doubt() -> None:
         (model(finding("sharp-bend", "it bends by 2 rad", chains=[0])), "it bends by 2 rad"),
         (model(chains=(replace(STRING, ends=("free", "unobserved")),)), "the last end of chain 0 was not observed"),
         (model(crossings=(crossing(0, 0.05, 0.15, 0.98),)), "the confidence of crossing 0 is 0.98"),
-        (model(crossings=(crossing(0, 0.05, 0.15),)), "the model of one view less has another topology"),
-        (model(chains=(replace(STRING, closed=True),)), "the model of one view less has another topology"),
+        (model(crossings=(crossing(0, 0.05, 0.15),)), "the model of fewer views has another topology"),
+        (model(chains=(replace(STRING, closed=True),)), "the model of fewer views has another topology"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -65,11 +65,11 @@ def test_an_end_at_the_border_of_the_workspace_is_no_doubt() -> None:
 
 def test_a_crossing_whose_strands_changed_places_is_another_topology() -> None:
     before, now = model(crossings=(crossing(0, 0.05, 0.15),)), model(crossings=(crossing(0, 0.15, 0.05),))
-    assert find_doubts(now, before) == ("the model of one view less has another topology",)
+    assert find_doubts(now, before) == ("the model of fewer views has another topology",)
 
 
 def test_a_first_model_is_not_certain() -> None:
-    assert find_doubts(model(), None) == ("there is no model of one view less",)
+    assert find_doubts(model(), None) == ("there is no model of fewer views",)
 
 
 def test_an_unobserved_end_with_a_finding_is_named_once() -> None:

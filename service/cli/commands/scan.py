@@ -109,7 +109,8 @@ def take_scan(
             RecordingWriter(recording or Path(folder) / "scan.mcap", header) as writer,
             cell.run(prepared, writer, progress) as views,
         ):
-            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, partial(_decide, views, report))
+            on_check = partial(_decide, views, report)
+            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, on_check, views.next_is_here)
             model = json.loads((results / MODEL).read_bytes())
             writer.write_result(model)
     if recording is not None:

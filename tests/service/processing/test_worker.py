@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,25 @@ def test_the_process_survives_a_cancelled_scan(worker: RecognitionWorker, record
     worker.run(make_task(recording_file, tmp_path, "next"), lambda _: None, PATIENCE_S)
     assert (tmp_path / "next" / "model.json").exists()
     assert not (tmp_path / "cancelled 0").exists()
+
+
+@pytest.mark.parametrize(("next_is_here", "checks"), [(False, [3, 4]), (True, [3])])
+def test_views_are_not_checked_while_the_next_one_is_here(
+    worker: RecognitionWorker, recording_file: Path, tmp_path: Path, next_is_here: bool, checks: list[int]
+) -> None:
+    recording, checked = read_recording(recording_file), []
+    worker.start()
+    task = replace(make_task(recording.header, tmp_path, "live"), check_views=True)
+    outcome = worker.run(
+        task,
+        lambda _: None,
+        PATIENCE_S,
+        iter(recording.views),
+        on_check=lambda check: checked.append(check.views),
+        next_is_here=lambda: next_is_here,
+    )
+    assert checked == checks
+    assert [view.index for view in outcome.views] == [0, 1, 2, 3]
 
 
 def test_the_process_survives_a_refused_task(worker: RecognitionWorker, tmp_path: Path) -> None:
