@@ -38,8 +38,12 @@ def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, 
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     viewpoints = page.get_by_role("textbox", name="Viewpoints")
     expect(viewpoints).to_be_visible()
-    page.get_by_label("Quick: four viewpoints").check()
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
+    with page.expect_request("**/api/viewpoints/plan") as check:
+        page.get_by_label("Quick: four viewpoints").check()
+    assert check.value.post_data_json == {"views": "auto"}
     expect(viewpoints).to_have_count(0)
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
     page.get_by_label("String radius, in mm", exact=True).fill("4.2")
     with page.expect_request("**/api/scans") as request:
         page.get_by_role("button", name="Scan: the arm will move").click()
@@ -48,6 +52,15 @@ def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, 
     expect(last).to_contain_text("1 string, 1 crossing")
     expect(last.get_by_role("img")).to_have_count(4)
     expect(page.get_by_label("Quick: four viewpoints")).to_be_checked()  # kept for the next scan
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
+
+
+def test_another_number_of_viewpoints_is_checked_at_once(open_console: Open, client: ServedClient) -> None:
+    page = open_console(client).page
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
+    for number in ("6", "7"):
+        page.get_by_role("textbox", name="Viewpoints").fill(number)
+        expect(page.get_by_text(f"Reachable: {number} of {number}")).to_be_visible()
 
 
 def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: ServedClient) -> None:

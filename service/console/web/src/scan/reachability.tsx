@@ -9,25 +9,24 @@ import { Hint } from "../ui/hint";
 import type { ViewPose } from "../view3d/scene";
 import { Viewer } from "../viewer/viewer";
 
-type Views = Scan["views"];
-
-/** Which viewpoints the arm can reach, and why not the others, before anything moves. */
-export function Reachability({ views }: { views: Views }) {
-  const [checked, setChecked] = useState<{ views: Views; plan: Plan } | null>(null);
+/**
+ * Which viewpoints the arm can reach, and why not the others, before anything moves.
+ * The key of this component is `views`, so that other viewpoints are checked at once.
+ */
+export function Reachability({ views }: { views: Scan["views"] }) {
+  const [plan, setPlan] = useState<Plan | null>(null);
   const [open, setOpen] = useState(false);
   const action = useAction();
 
   async function check(): Promise<void> {
-    const plan = await resultOf(api.POST("/api/viewpoints/plan", { body: { views }, ...longCall }));
-    setChecked({ views, plan });
+    setPlan(await resultOf(api.POST("/api/viewpoints/plan", { body: { views }, ...longCall })));
   }
 
   const possible = !atWork.value && cell.value !== null && cell.value.state !== "fault";
   useEffect(() => {
-    if (possible && checked === null) void action.run(check);
+    if (possible && plan === null) void action.run(check);
   }, [possible]);
 
-  const plan = checked?.views === views ? checked.plan : null;
   return (
     <div class="reach">
       <div class="row">

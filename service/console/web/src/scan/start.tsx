@@ -80,7 +80,7 @@ export function Start({ action }: { action: Action }) {
       </Act>
       {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
-      {mode === "live" && number.fault === null && <Reachability views={views} />}
+      {mode === "live" && number.fault === null && <Reachability key={views} views={views} />}
       {mode === "live" && <Connection />}
     </section>
   );
