@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.service.conftest import ServedClient
+from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Cell, Open, wait_until_drawn
+from tests.service.live_cell import live_cell
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -61,6 +62,39 @@ def test_another_number_of_viewpoints_is_checked_at_once(open_console: Open, cli
     for number in ("6", "7"):
         page.get_by_role("textbox", name="Viewpoints").fill(number)
         expect(page.get_by_text(f"Reachable: {number} of {number}")).to_be_visible()
+
+
+def test_quick_is_ticked_as_configured_and_unticked_is_not_quick(
+    open_console: Open, serve: Serve, tmp_path: Path
+) -> None:
+    with live_cell(serve, tmp_path, scan={"views": "auto"}) as live:
+        page = open_console(live.client).page
+        quick = page.get_by_label("Quick: four viewpoints")
+        expect(quick).to_be_checked()
+        expect(page.get_by_role("textbox", name="Viewpoints")).to_have_count(0)
+        quick.uncheck()
+        expect(page.get_by_role("textbox", name="Viewpoints")).to_have_attribute("placeholder", "8")
+        with page.expect_request("**/api/scans") as request:
+            page.get_by_role("button", name="Scan: the arm will move").click()
+        assert (request.value.post_data_json or {})["views"] == 8
+        page.get_by_role("button", name="Cancel this scan").click()
+        expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
+        expect(quick).not_to_be_checked()
+        page.close()  # before the service ends
+
+
+def test_a_scan_that_is_not_quick_has_the_configured_number(open_console: Open, serve: Serve, tmp_path: Path) -> None:
+    with live_cell(serve, tmp_path, scan={"views": 6}) as live:
+        page = open_console(live.client).page
+        viewpoints = page.get_by_role("textbox", name="Viewpoints")
+        expect(viewpoints).to_have_attribute("placeholder", "6, configured")
+        expect(page.get_by_label("Quick: four viewpoints")).not_to_be_checked()
+        with page.expect_request("**/api/scans") as request:
+            page.get_by_role("button", name="Scan: the arm will move").click()
+        assert (request.value.post_data_json or {})["views"] == 6
+        page.get_by_role("button", name="Cancel this scan").click()
+        expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
+        page.close()  # before the service ends
 
 
 def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: ServedClient) -> None:

@@ -13,6 +13,6 @@ export const form = {
   radius: signal(""),
   /** Number of viewpoints, as entered. */
   views: signal(""),
-  /** Whether the scan takes as many views as needed, in place of that number. */
-  quick: signal(false),
+  /** Whether the scan takes as many views as needed, in place of that number; null: as configured. */
+  quick: signal<boolean | null>(null),
 };

@@ -15,14 +15,23 @@ import { parseRadius, RadiusField, radiusMetres } from "./radius_field";
 import { Reachability } from "./reachability";
 import { Recordings } from "./recordings";
 
+/** Undefined: as configured, as long as the configuration is not known here. */
+type Views = Scan["views"] | undefined;
+
+/** Number of viewpoints of a scan that is not quick if the configuration gives none. */
+const DEFAULT_VIEWPOINTS = 8;
+
 /** The form that starts a scan. */
 export function Start({ action }: { action: Action }) {
   const mode = form.mode.value;
   const recording = form.recording.value;
   const method = form.method.value;
   const radius = parseRadius(form.radius.value);
-  const number = parseNumber(form.quick.value ? "" : form.views.value, { min: 2, max: 32, whole: true });
-  const views: Scan["views"] = form.quick.value ? "auto" : number.value;
+  const configured = geometry.value?.scan.views;
+  const usual = configured === "auto" ? DEFAULT_VIEWPOINTS : configured;
+  const quick = form.quick.value ?? configured === "auto";
+  const number = parseNumber(quick ? "" : form.views.value, { min: 2, max: 32, whole: true });
+  const views: Views = quick ? "auto" : (number.value ?? usual);
   const obstacle = obstacleText(mode, recording);
   const invalid = radius.fault !== null || (mode === "live" && number.fault !== null);
 
@@ -45,13 +54,13 @@ export function Start({ action }: { action: Action }) {
       <div class="row wide">
         <RadiusField number={radius} write={(text) => (form.radius.value = text)} empty={radiusPlaceholder(mode)} />
         <MethodField method={method} choose={(chosen) => (form.method.value = chosen)} />
-        {mode === "live" && !form.quick.value && (
+        {mode === "live" && !quick && (
           <NumberField
             label={t("scan.start.viewpoints")}
             hint="viewpoint"
             number={number}
             write={(text) => (form.views.value = text)}
-            empty={viewsPlaceholder()}
+            empty={viewsPlaceholder(configured)}
           />
         )}
       </div>
@@ -59,7 +68,7 @@ export function Start({ action }: { action: Action }) {
         <label class="tick">
           <input
             type="checkbox"
-            checked={form.quick.value}
+            checked={quick}
             onChange={(event) => (form.quick.value = event.currentTarget.checked)}
           />
           {t("scan.start.quick")}
@@ -80,7 +89,7 @@ export function Start({ action }: { action: Action }) {
       </Act>
       {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
-      {mode === "live" && number.fault === null && <Reachability key={views} views={views} />}
+      {mode === "live" && number.fault === null && views && <Reachability key={views} views={views} />}
       {mode === "live" && <Connection />}
     </section>
   );
@@ -99,9 +108,9 @@ function radiusPlaceholder(mode: Mode): string {
   return configured_m ? t("scan.start.configured", { value: mm(configured_m) }) : t("scan.start.measure");
 }
 
-function viewsPlaceholder(): string {
-  if (geometry.value === null) return t("scan.start.configured_unknown");
-  return t("scan.start.configured", { value: geometry.value.scan.views });
+function viewsPlaceholder(configured: Views): string {
+  if (configured === "auto") return String(DEFAULT_VIEWPOINTS);
+  return configured ? t("scan.start.configured", { value: configured }) : t("scan.start.configured_unknown");
 }
 
 function Choice({ mode }: { mode: Mode }) {
