@@ -41,7 +41,7 @@ def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, 
     expect(viewpoints).to_be_visible()
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
     with page.expect_request("**/api/viewpoints/plan") as check:
-        page.get_by_label("Quick: four viewpoints").check()
+        page.get_by_label("Quick: four viewpoints, and more only if something is doubtful").check()
     assert check.value.post_data_json == {"views": "auto"}
     expect(viewpoints).to_have_count(0)
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
