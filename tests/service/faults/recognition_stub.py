@@ -44,6 +44,7 @@ class RecognitionStub:
         views: Iterable[View] = (),
         missing: Sequence[MissingView] = (),
         on_check: OnCheck = lambda _: None,
+        next_is_here: Callable[[], bool] = lambda: False,
     ) -> Outcome:
         """Wait for the end of the views, then write the fixed result."""
         for _ in views:
