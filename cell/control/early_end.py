@@ -32,10 +32,10 @@ class EarlyEnd:
             self._decided.notify_all()
 
     def wait(self, views: int) -> bool:
-        """Return whether the scan ends with `views` views. Wait for the decision where it is likely to end.
+        """Return whether the scan ends with `views` views.
 
-        It is where it may end for the first time. After that, it is only if the views before sufficed: what is doubtful
-        after the first views mostly stays so until the last one, and the arm loses no time.
+        The arm waits for the decision at the first viewpoint after which the scan may end. At later ones it waits only
+        if the views before sufficed, because what was doubtful mostly stays so until the last view.
         """
         if self._min_views is None or views < self._min_views:
             return False

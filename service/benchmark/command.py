@@ -44,7 +44,7 @@ PARTS = ("speed", "cell", "service", "accuracy")
 GRASPS, VIEWS = "grasps", "views"
 """Parts that run only if they are chosen, because all tiers take long: grasps an hour or more."""
 REPORT_S = 15.0
-"""Time between two messages on the progress of the accuracy part, if stderr is not a terminal."""
+"""Time between two messages on the progress of a part."""
 
 Emit = Callable[[str], None]
 
@@ -75,6 +75,25 @@ class Progress:
     def report(self, message: str) -> None:
         """Print a message with the time that is left."""
         _log(f"{message} ({self.left()})")
+
+
+class SceneCount:
+    """Counts the scenes of a part that are done, and reports on stderr from time to time."""
+
+    def __init__(self, part: str, total: int, progress: Progress) -> None:
+        self._part, self._total, self._progress = part, total, progress
+        self._done, self._reported_s = 0, time.monotonic()
+
+    def add(self, tier: str) -> None:
+        """Count a scene of a tier."""
+        self._done += 1
+        if time.monotonic() - self._reported_s > REPORT_S and self._done < self._total:
+            self.report(f"{self._done} of {self._total} scenes, at tier {tier}")
+            self._reported_s = time.monotonic()
+
+    def report(self, message: str) -> None:
+        """Print a message with the time that is left."""
+        _log(f"{self._part}: {message} ({self._progress.left(self._done / self._total)})")
 
 
 def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
@@ -232,17 +251,9 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
 
 def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
     """Simulate the grasps of all cases, with a message from time to time."""
-    total, done, reported_s = len(tiers) * seeds, 0, time.monotonic()
     emit(tables.table_head(tables.GRASP_COLUMNS))
-
-    def on_done(tier: str) -> None:
-        nonlocal done, reported_s
-        done += 1
-        if time.monotonic() - reported_s > REPORT_S and done < total:
-            _log(f"grasps: {done} of {total} scenes, at tier {tier} ({progress.left(done / total)})")
-            reported_s = time.monotonic()
-
-    cases = grasps.run_grasp_cases(tiers, seeds, jobs, on_done)
+    scenes = SceneCount(GRASPS, len(tiers) * seeds, progress)
+    cases = grasps.run_grasp_cases(tiers, seeds, jobs, scenes.add)
     results: list[grasps.GraspCase] = []
     summaries = {}
     for tier in tiers:
@@ -251,7 +262,7 @@ def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emi
         summaries[tier] = grasps.summarise_grasps(of_tier)
         for row in tables.grasp_rows({tier: summaries[tier]}):
             emit(row)
-        _log(f"grasps: tier {tier} is done ({progress.left(done / total)})")
+        scenes.report(f"tier {tier} is done")
     return {
         "grasps": {tier: {name: asdict(summary) for name, summary in of.items()} for tier, of in summaries.items()},
         "grasp_cases": [grasps.grasp_case_json(case) for case in results],
@@ -260,17 +271,9 @@ def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emi
 
 def _views(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
     """Compare views as needed with eight views, with a message from time to time."""
-    total, done, reported_s = len(tiers) * seeds, 0, time.monotonic()
     emit(tables.table_head(VIEWS_COLUMNS))
-
-    def on_done(tier: str) -> None:
-        nonlocal done, reported_s
-        done += 1
-        if time.monotonic() - reported_s > REPORT_S and done < total:
-            _log(f"views: {done} of {total} scenes, at tier {tier} ({progress.left(done / total)})")
-            reported_s = time.monotonic()
-
-    cases = run_views_cases(tiers, seeds, jobs, on_done)
+    scenes = SceneCount(VIEWS, len(tiers) * seeds, progress)
+    cases = run_views_cases(tiers, seeds, jobs, scenes.add)
     results: list[ViewsCase] = []
     summaries = {}
     for tier in tiers:
@@ -278,7 +281,7 @@ def _views(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit
         results += [case for case in of_tier if case is not None]
         summaries[tier] = summarise_views(of_tier)
         emit(views_row(tier, summaries[tier]))
-        _log(f"views: tier {tier} is done ({progress.left(done / total)})")
+        scenes.report(f"tier {tier} is done")
     return {
         "views": {tier: asdict(summary) for tier, summary in summaries.items()},
         "views_cases": [asdict(case) for case in results],

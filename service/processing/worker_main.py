@@ -82,6 +82,7 @@ class ViewBeforeNext:
     """Message to the process: a view after which the views are not recognised, because the next one follows at once."""
 
     view: View
+    """The view."""
 
 
 @dataclass(frozen=True)
