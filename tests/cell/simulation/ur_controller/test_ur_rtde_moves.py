@@ -97,7 +97,7 @@ def test_a_stop_of_a_synchronous_move_arrives_after_its_end(controller: RunningC
 import threading
 mover = threading.Thread(target=control.moveJ, args=(arguments["q"], 1.05, 1.4, False))
 mover.start()
-while receive.getActualQd()[0] < 0.5: time.sleep(0.002)
+while mover.is_alive() and receive.getActualQd()[0] < 0.5: time.sleep(0.002)
 control.stopJ(4.0)
 answer()
 """,
