@@ -48,7 +48,12 @@ class SimulatedScan:
 
 
 def simulate(
-    scene: StringScene, camera: CameraModel, seed: int, errors: PoseErrors | None = None, views: int = 8
+    scene: StringScene,
+    camera: CameraModel,
+    seed: int,
+    errors: PoseErrors | None = None,
+    views: int = 8,
+    T_base_table: NDArray[np.float64] | None = None,
 ) -> SimulatedScan:
     """Simulate a scan of a scene from viewpoints on two rings. The same arguments give the same content.
 
@@ -58,6 +63,8 @@ def simulate(
         seed: Seed of noise and errors.
         errors: Errors of the reported poses. None means the defaults of `PoseErrors`.
         views: Number of views, 1 to 64.
+        T_base_table: True pose (4, 4) of the table with the scene on it. The recording states a level table at z = 0.
+            None means that this is true.
 
     Raises:
         ViewCountError: `views` is out of range.
@@ -67,7 +74,9 @@ def simulate(
     errors = PoseErrors() if errors is None else errors
     points = _subject(scene)
     size = (camera.width, camera.height)
-    T_base_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
+    T_base_table = np.eye(4) if T_base_table is None else T_base_table
+    T_table_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
+    T_base_camera = [T_base_table @ T for T in T_table_camera]
     pose_rng = np.random.default_rng([seed, _POSES])
     T_flange_camera = T_FLANGE_CAMERA
     nominal_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
@@ -94,7 +103,7 @@ def simulate(
     taken = tuple(
         View(
             index=k,
-            depth=depth_camera.capture(T_base_camera[k], np.random.default_rng([seed, _VIEW, k])),
+            depth=depth_camera.capture(T_table_camera[k], np.random.default_rng([seed, _VIEW, k])),
             depth_unit_m=camera.depth_unit_m,
             K=camera.K,
             T_base_flange=reported_T_base_flange[k],
@@ -103,7 +112,7 @@ def simulate(
         )
         for k in range(views)
     )
-    return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera))
+    return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera, T_base_table))
 
 
 def _subject(scene: StringScene) -> NDArray[np.float64]:

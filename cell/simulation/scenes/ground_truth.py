@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry.transforms import transform_points
 from cell.simulation.scenes.planar_crossings import at, plan_crossings
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length, points_at
@@ -15,7 +16,10 @@ STEP_M = 0.002
 
 
 def scene_truth(
-    scene: StringScene, T_base_camera: Sequence[NDArray[np.float64]], T_flange_camera: NDArray[np.float64]
+    scene: StringScene,
+    T_base_camera: Sequence[NDArray[np.float64]],
+    T_flange_camera: NDArray[np.float64],
+    T_base_table: NDArray[np.float64] | None = None,
 ) -> dict[str, Any]:
     """Return the truth as JSON, in metres and in the base frame.
 
@@ -27,14 +31,19 @@ def scene_truth(
         scene: Strings on the table.
         T_base_camera: True camera poses (4, 4).
         T_flange_camera: True mounting of the camera (4, 4).
+        T_base_table: True pose (4, 4) of the table with the scene on it. None means the base frame.
     """
+    T_base_table = np.eye(4) if T_base_table is None else T_base_table
+    crossings = true_crossings(scene)
+    for crossing in crossings:
+        crossing["point"] = transform_points(T_base_table, np.array([crossing["point"]]))[0].tolist()
     return {
         "name": scene.name,
         "radius": scene.radius_m,
         "radii": list(scene.radii_m),
         "closed": list(scene.closed),
-        "curves": [_every(curve, STEP_M).round(7).tolist() for curve in scene.curves],
-        "crossings": true_crossings(scene),
+        "curves": [transform_points(T_base_table, _every(curve, STEP_M)).round(7).tolist() for curve in scene.curves],
+        "crossings": crossings,
         "T_base_camera": [T.tolist() for T in T_base_camera],
         "T_flange_camera": T_flange_camera.tolist(),
     }

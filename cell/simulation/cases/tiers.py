@@ -1,0 +1,75 @@
+"""Draw the case of a tier and a seed."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from cell.simulation.cases.case import Case, TierError
+from cell.simulation.cases.first_tiers import draw_first
+from cell.simulation.scenes.scenes import SceneError
+
+Draw = Callable[[str, int, np.random.Generator], Case]
+"""Function that draws the case of a tier's name, a seed and a generator. It raises SceneError if no scene is laid."""
+
+_DRAWS: Mapping[str, tuple[int, Draw]] = {
+    "paper": (0, draw_first),
+    "long": (1, draw_first),
+    "many": (2, draw_first),
+    "physical": (3, draw_first),
+    "soft": (4, draw_first),
+    "photo": (5, draw_first),
+    "hard": (6, draw_first),
+    "measured": (7, draw_first),
+    "fixtures": (8, draw_first),
+}
+"""Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
+
+TIERS = tuple(_DRAWS)
+"""Names of all tiers."""
+
+_MAX_DRAWS = 20
+"""Maximum number of scenes that are drawn for a case until one can be laid."""
+
+
+def make_case(tier: str, seed: int) -> Case:
+    """Draw the case of a tier and a seed. The same arguments give the same case.
+
+    - `paper`: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings.
+    - `long`: one string of 0.7 m, 2 to 4 crossings.
+    - `many`: two or three strings of 0.32 m.
+    - `physical`: a string of 0.47 m, settled by weight and bending stiffness, 1 or 2 crossings.
+    - `soft`: strands pressed together to 0.6 of the height between centre lines, 1 or 2 crossings.
+    - `photo`: tangles as in photographs of real cables, r = 3 mm, up to three strings of 0.4 to 1.6 m and up to ten
+      crossings, at 800x500.
+    - `hard`: three kinds of scenes in turn, all with doubled pose errors. The first has a camera with a short baseline
+      at 1280x800, the second r = 3 mm and boxes beside the string, the third a string of 1 m with five crossings.
+    - `measured`: scenes of `paper` and `long` in turn, with the errors of real cameras and smooth errors of the
+      reported flange pose.
+    - `fixtures`: one string of 0.4 m, r = 3, 4.2 or 5 mm, no or one crossing, with low or thin objects: in turn bars, a
+      plate, posts, slots and walls.
+
+    Args:
+        tier: One of `TIERS`.
+        seed: Seed of the case, 0 or more.
+
+    Returns:
+        The case.
+
+    Raises:
+        TierError: The tier is unknown, the seed is negative, or no scene can be laid for the seed.
+    """
+    if tier not in TIERS:
+        raise TierError(f"there is no tier {tier!r}; known are {', '.join(TIERS)}")
+    if seed < 0:
+        raise TierError(f"{tier}: seed is {seed}; it must be 0 or more")
+    number, draw_case = _DRAWS[tier]
+    reason: SceneError | None = None
+    for draw in range(_MAX_DRAWS):
+        rng = np.random.default_rng([number, seed, draw])
+        try:
+            return draw_case(tier, seed, rng)
+        except SceneError as error:
+            reason = error
+    raise TierError(
+        f"{tier}: no scene could be made for seed {seed}; choose another seed. The last reason is: {reason}"
+    )
