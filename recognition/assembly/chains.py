@@ -11,6 +11,7 @@ from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
+from recognition.refinement.object_shapes import is_other_rod
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
 from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings, max_squareness
 from recognition.registration.registration import Registration
@@ -71,6 +72,8 @@ def assemble_fitted_chains(
         ends = classify_ends(strand, occlusion_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
         findings += _shape_findings(chains[-1], strand, support) + _radius_findings(chains[-1], strand, parameters)
+        if is_other_rod(strand, parameters.r):
+            findings.append(_possible_rod(chains[-1]))
     return ChainAssembly(tuple(chains), tuple(findings))
 
 
@@ -128,6 +131,15 @@ def _shape_findings(chain: Chain, strand: FittedStrand, support: SupportSurface)
         )
         findings.append(finding("above-table", message, chains=(chain.id,), value=gap, limit=max_gap))
     return findings
+
+
+def _possible_rod(chain: Chain) -> Finding:
+    centre = chain.points.mean(axis=0)
+    message = (
+        f"chain {chain.id} at {format_position(centre)} is straight and has another radius than expected: it may be a "
+        "pen or a rod instead of a string"
+    )
+    return finding("possible-rod", message, chains=(chain.id,), point=centre, value=chain.radius_m)
 
 
 def _radius_findings(chain: Chain, strand: FittedStrand, parameters: ChainParameters) -> list[Finding]:

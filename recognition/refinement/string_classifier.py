@@ -14,7 +14,9 @@ from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
+from recognition.refinement.object_shapes import is_fold, is_other_rod, is_upright
 from recognition.refinement.refinement import FittedStrand, Refinement
+from recognition.refinement.surface_beside import is_ridge, lies_alone
 
 MIN_LENGTH_RADII = 10.0
 """Minimum length of a string, in radii r.
@@ -63,25 +65,6 @@ MIN_SUPPORTED_SHARE = 0.5
 """Minimum share of well-supported points (see `MIN_STRING_SUPPORT_SHARE`) in a string."""
 MIN_STRING_SUPPORT_SHARE = 0.25
 """Minimum support of a well-supported point, as a share of the median support of the longest string."""
-BESIDE_RADII = (2.0, 3.0)
-"""Distances from the centre line, in radii, between which other surface lies beside a strand."""
-MAX_BESIDE_SHARE = 0.5
-"""Maximum share of a strand that lies alone with other surface beside it.
-
-An excluded strand that lies alone may be a string of another radius. In simulated scans with strings of two radii, or
-with a wrong radius, excluded strings had up to 0.25, rarely 0.6. Edges of boxes had 0.75 and more, mostly 1.
-"""
-MAX_UNEVEN_SHARE = 0.65
-"""Maximum share of a short string with uneven surface on both sides.
-
-Short means less than `MIN_POSSIBLE_STRING_RADII`. In simulated scans, ridges of a rough heap had 0.8 and more. Strings
-between boxes and along walls had up to 0.51 in the worst part of this length.
-"""
-MIN_UNEVEN_RADII = 0.5
-"""Minimum height difference, from the 10th to the 90th percentile, of uneven surface beside a strand, in radii.
-
-In simulated scans it was 1.5 to 3.4 beside ridges of a rough heap, and up to 0.05 beside strings on a plate.
-"""
 RESTING_RADII = (0.5, 2.5)
 """Height of the centre line of a string above the object that it rests on, in radii; more where it is crossed."""
 ADVICE: Mapping[FindingCode, str] = {
@@ -111,8 +94,9 @@ def classify_strings(
     """Select the fitted strands that are strings.
 
     A string is round: the surface beside it lies on its tube and has no flat top with edges. Its tube does not reach
-    into the table. It is long enough, and the surface supports most of its points. If it is short, it is no ridge: no
-    uneven surface lies on both sides of it.
+    into the table. It is long enough, and the surface supports most of its points. It does not stand upright. If it is
+    short, it is no ridge and no fold: no uneven surface lies on both sides of it, and it lies as low as a string of its
+    radius. Beside a string, a rod is no string: it is straight, and its radius is not r.
 
     Args:
         refinement: Fitted strands, and the strand index of each surface point.
@@ -123,7 +107,7 @@ def classify_strings(
     Returns:
         The strings in the order of the model, and the findings on the excluded strands. An excluded strand that may be
         a string gives a doubt: a long one that was hardly seen, one that lies alone on the table, unless it is
-        certainly square, a long one that lies on a large object as a string would, and a ridge.
+        certainly square, a long one that lies on a large object as a string would, a rod, a fold, and a ridge.
     """
     strands, support = refinement.strands, support or SupportSurface()
     on_tube_shares = _on_tube_shares(refinement, surface, parameters, support)
@@ -131,43 +115,38 @@ def classify_strings(
     excluded: list[tuple[int, FindingCode, str]] = []
     lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
     for k in np.argsort(-np.array(lengths), kind="stable").tolist():
-        strand, length = strands[k], lengths[k]
         usual_support = float(np.median(strands[kept[0]].support)) if kept else 0.0
-        is_supported = bool(np.mean(strand.support >= MIN_STRING_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE)
-        is_round = _is_round(strand, parameters.r) and on_tube_shares[k] >= MIN_ON_TUBE_SHARE
-        code: FindingCode
-        if length < MIN_LENGTH_RADII * parameters.r:
-            code, reason = "piece-too-short", "too short to be distinguished from noise"
-        elif not is_supported:
-            code, reason = "piece-hardly-seen", "hardly any surface supports it"
-        elif not is_round:
-            code, reason = "piece-not-round", "its surface is not round enough"
-        elif _is_in_table(strand, support.table_z_m):
-            code, reason = "piece-in-table", "its tube would reach into the table"
-        else:
+        exclusion = _exclusion(
+            strands[k], lengths[k], float(on_tube_shares[k]), usual_support, parameters.r, support.table_z_m
+        )
+        if exclusion is None:
             kept.append(k)
-            continue
-        excluded.append((k, code, reason))
-    ridges = [
-        k
+        else:
+            excluded.append((k, *exclusion))
+    rods = [k for k in kept if is_other_rod(strands[k], parameters.r)]
+    reasons = {
+        k: _rod_reason(strands[k])
+        if k in rods and len(rods) < len(kept)
+        else _ridge_reason(k, kept, strands, lengths[k], surface, parameters.r, support.table_z_m)
         for k in kept
-        if lengths[k] < MIN_POSSIBLE_STRING_RADII * parameters.r
-        and _is_ridge(strands[k], [strands[other] for other in kept if other != k], surface, parameters.r)
+    }
+    kept_strands = [strands[k] for k in kept if reasons[k] is None]
+    possible = [
+        excluded_piece("possible-string", strands[k].points, lengths[k], f"{reason}; look at it")
+        for k, reason in reasons.items()
+        if reason is not None
     ]
-    kept_strands = [strands[k] for k in kept if k not in ridges]
-    reason = "uneven surface on both sides, as beside a fold or a ridge; look at it"
-    possible = [excluded_piece("possible-string", strands[k].points, lengths[k], reason) for k in ridges]
     pieces = []
     for k, code, reason in excluded:
         strand, length = strands[k], lengths[k]
         match code:
-            case "piece-too-short":
+            case "piece-too-short" | "piece-upright":
                 may_be_string = False
             case "piece-hardly-seen":
                 may_be_string = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
             case _:
                 is_tube = on_tube_shares[k] >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
-                may_be_string = is_tube and _lies_alone(strand, kept_strands, surface, parameters.r)
+                may_be_string = is_tube and lies_alone(strand, kept_strands, surface, parameters.r)
                 is_long = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
                 may_be_string |= is_long and _rests_on_object(strand, support)
         if may_be_string:
@@ -183,6 +162,66 @@ def max_squareness(strand: FittedStrand) -> float:
     return strand.squareness + UNCERTAIN_SIGMAS * strand.squareness_sigma
 
 
+def _exclusion(
+    strand: FittedStrand, length_m: float, on_tube_share: float, usual_support: float, r: float, table_z_m: float
+) -> tuple[FindingCode, str] | None:
+    """Return the code and the reason why a strand is certainly no string on the table, or None.
+
+    Args:
+        strand: Fitted strand.
+        length_m: Length of the strand, metres.
+        on_tube_share: Share of the surface beside it that lies on its tube, 0 to 1.
+        usual_support: Median support of the longest string.
+        r: Radius of the strings, metres.
+        table_z_m: Height of the table, metres.
+    """
+    is_supported = np.mean(strand.support >= MIN_STRING_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE
+    if length_m < MIN_LENGTH_RADII * r:
+        return "piece-too-short", "too short to be distinguished from noise"
+    if not is_supported:
+        return "piece-hardly-seen", "hardly any surface supports it"
+    if not _is_round(strand, r) or on_tube_share < MIN_ON_TUBE_SHARE:
+        return "piece-not-round", "its surface is not round enough"
+    if _is_in_table(strand, table_z_m):
+        return "piece-in-table", "its tube would reach into the table"
+    if is_upright(strand.points):
+        return "piece-upright", "it stands upright, as a post"
+    return None
+
+
+def _rod_reason(strand: FittedStrand) -> str:
+    return f"it is straight as a rod, and its radius is {strand.radius_m * 1000:.1f} mm"
+
+
+def _ridge_reason(
+    k: int,
+    kept: Sequence[int],
+    strands: Sequence[FittedStrand],
+    length_m: float,
+    surface: NDArray[np.float64],
+    r: float,
+    table_z_m: float,
+) -> str | None:
+    """Return why a round strand is a fold or a ridge, or None. Long strands are neither.
+
+    Args:
+        k: Index of the strand.
+        kept: Indices of all round strands.
+        strands: Fitted strands.
+        length_m: Length of the strand, metres.
+        surface: (M, 3) registered surface points, metres, base frame.
+        r: Radius of the strings, metres.
+        table_z_m: Height of the table, metres.
+    """
+    if length_m >= MIN_POSSIBLE_STRING_RADII * r:
+        return None
+    if is_fold(strands[k], r, table_z_m):
+        return "it is higher than a string of its width would lie, as a fold"
+    if is_ridge(strands[k], [strands[other] for other in kept if other != k], surface, r):
+        return "uneven surface on both sides, as beside a fold or a ridge"
+    return None
+
+
 def _is_round(strand: FittedStrand, r: float) -> bool:
     return strand.roundness_error_m <= MAX_ROUNDNESS_ERROR * max(strand.radius_m, r) and not _is_square(strand)
 
@@ -193,52 +232,6 @@ def _is_square(strand: FittedStrand) -> bool:
 
 def _is_certainly_square(strand: FittedStrand) -> bool:
     return strand.squareness - UNCERTAIN_SIGMAS * strand.squareness_sigma > MAX_SQUARENESS
-
-
-def _is_ridge(strand: FittedStrand, others: Sequence[FittedStrand], surface: NDArray[np.float64], r: float) -> bool:
-    """Return whether uneven surface lies on both sides of a strand, apart from the surface of other strands."""
-    beside = _surface_beside(strand, others, surface, r)
-    if len(beside) == 0:
-        return False
-    radius = max(strand.radius_m, r)
-    along = np.gradient(strand.points, axis=0)[:, :2]
-    left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True).clip(min=1e-9)
-    between, heights = 0, []
-    for point, to_left, near in zip(
-        strand.points, left, KDTree(beside).query_ball_point(strand.points, BESIDE_RADII[1] * radius), strict=True
-    ):
-        offset = (beside[near, :2] - point[:2]) @ to_left
-        sides = [beside[near, 2][offset > radius], beside[near, 2][offset < -radius]]
-        if all(len(z) for z in sides):
-            between += 1
-            heights.extend(float(np.median(z)) for z in sides)
-    if between <= MAX_UNEVEN_SHARE * len(strand.points):
-        return False
-    low, high = np.percentile(heights, (10, 90))
-    return bool(high - low >= MIN_UNEVEN_RADII * radius)
-
-
-def _lies_alone(strand: FittedStrand, kept: Sequence[FittedStrand], surface: NDArray[np.float64], r: float) -> bool:
-    """Return whether hardly any surface lies beside a strand, apart from the surface of the kept strands."""
-    beside = _surface_beside(strand, kept, surface, r)
-    if len(beside) == 0:
-        return True
-    reach = BESIDE_RADII[1] * max(strand.radius_m, r)
-    return float(np.mean(KDTree(beside).query(strand.points)[0] < reach)) <= MAX_BESIDE_SHARE
-
-
-def _surface_beside(
-    strand: FittedStrand, others: Sequence[FittedStrand], surface: NDArray[np.float64], r: float
-) -> NDArray[np.float64]:
-    """Return the surface points (N, 3) beside a strand, without the surface of other strands."""
-    radius = max(strand.radius_m, r)
-    distance, _ = KDTree(strand.points).query(surface, distance_upper_bound=2 * BESIDE_RADII[1] * radius)
-    beside = surface[np.isfinite(distance) & (np.asarray(distance) > BESIDE_RADII[0] * radius)]
-    if not others or len(beside) == 0:
-        return beside
-    tree = KDTree(np.vstack([other.points for other in others]))
-    reach = BESIDE_RADII[0] * max(r, *(other.radius_m for other in others))
-    return beside[tree.query(beside)[0] > reach]
 
 
 def _rests_on_object(strand: FittedStrand, support: SupportSurface) -> bool:

@@ -25,6 +25,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "hard": (3.3, 4.6, 2.1),
     "measured": (1.1, 1.6),
     "fixtures": (1.1, 1.4, 1.4, 1.2, 1.2),
+    "clutter": (1.5,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -37,6 +38,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "hard": 20.0,
     "measured": 18.0,
     "fixtures": 18.0,
+    "clutter": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

@@ -14,7 +14,7 @@ from cell.devices import View
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
-from cell.simulation.scenes.clutter import Box
+from cell.simulation.scenes.clutter import Box, Rod
 from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.assembly.crossings import find_fitted_crossings
 from recognition.assembly.sharp_bends import sharp_bend_findings
@@ -152,6 +152,12 @@ def fragmented() -> Sequence[Finding]:
 
 
 @cache
+def post_beside_string() -> tuple[Finding, ...]:
+    post = Rod((0.0, 0.06, 0.0), (0.0, 0.06, 0.06), R)
+    scene = StringScene("codes", R, (line(*ALONG_X),), rods=(post,))
+    return findings_of(simulate(scene, camera_model("ideal"), 1, errors=NO_ERRORS))
+
+
 def string_into_box() -> Sequence[Finding]:
     """A box hides the end of a string. Its edges are no strings."""
     return findings_of(scanned(line((-0.1, 0), (0, 0)), boxes=[Box((0.015, 0), (0.03, 0.05, 0.02), 0.1)]))
@@ -260,6 +266,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "ends-touching": fragmented,
     "end-unobserved": string_into_box,
     "possible-bar": far_away,
+    "possible-rod": with_radius(0.0036),
     "possible-object": fold_of_an_object,
     "above-table": raised,
     "radius-much-smaller": with_radius(0.006),
@@ -280,6 +287,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "piece-hardly-seen": lambda: sunk(0.12, 0.5),
     "piece-not-round": string_into_box,
     "piece-in-table": in_the_table,
+    "piece-upright": post_beside_string,
     "more-pieces": many_short_pieces,
     "unexplained-surface": many_short_pieces,
     "more-unexplained-surface": many_short_pieces,
@@ -317,6 +325,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "ends-touching": has("chains end part point value limit", "below"),
     "end-unobserved": has("chains end part point"),
     "possible-bar": has("chains point value limit", "above"),
+    "possible-rod": has("chains point value"),
     "possible-object": has("chains point value limit", "above"),
     "above-table": has("chains value limit", "above"),
     "radius-much-smaller": has("chains value limit", "below"),
@@ -337,6 +346,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "piece-hardly-seen": has("point value"),
     "piece-not-round": has("point value"),
     "piece-in-table": has("point value"),
+    "piece-upright": has("point value"),
     "more-pieces": has("value"),
     "unexplained-surface": has("point value limit", "above"),
     "more-unexplained-surface": has("value"),

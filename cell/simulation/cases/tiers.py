@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from cell.simulation.cases.case import Case, TierError
+from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.scenes.scenes import SceneError
 
@@ -21,6 +22,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "hard": (6, draw_first),
     "measured": (7, draw_first),
     "fixtures": (8, draw_first),
+    "clutter": (14, draw_clutter),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -47,6 +49,8 @@ def make_case(tier: str, seed: int) -> Case:
       reported flange pose.
     - `fixtures`: one string of 0.4 m, r = 3, 4.2 or 5 mm, no or one crossing, with low or thin objects: in turn bars, a
       plate, posts, slots and walls.
+    - `clutter`: one string of 0.4 to 0.5 m, r = 3, 4.2 or 5 mm, up to two crossings, with round objects beside it: in
+      turn one or two pens, a cloth with folds, and posts of clips.
 
     Args:
         tier: One of `TIERS`.

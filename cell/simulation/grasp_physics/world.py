@@ -147,7 +147,7 @@ def _contact(kind: int, friction: float) -> dict[str, Any]:
 
 
 def _add_static(spec: Any, scene: StringScene, settings: PhysicsSettings) -> None:
-    """Add the table, the boxes, and the convex hulls of the clumps."""
+    """Add the table, the boxes, the convex hulls of the clumps, and the rods. Cloths are soft and are not added."""
     mujoco = load_mujoco()
     contact = _contact(TABLE, settings.string_friction)
     spec.worldbody.add_geom(name="table", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 0.1], **contact)
@@ -165,6 +165,13 @@ def _add_static(spec: Any, scene: StringScene, settings: PhysicsSettings) -> Non
         vertices, _ = clump_mesh(clump)
         spec.add_mesh(name=f"clump {number}", uservert=vertices.ravel())
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=f"clump {number}", **contact)
+    for rod in scene.rods:
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[rod.radius_m, 0.0, 0.0],
+            fromto=[*rod.start_m, *rod.end_m],
+            **contact,
+        )
 
 
 def _add_piece(

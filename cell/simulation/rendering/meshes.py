@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.scenes.clutter import Box, Clump
+from cell.simulation.scenes.clutter import Box, Cloth, Clump, Rod
 from cell.simulation.scenes.planar_crossings import is_closed
 from cell.simulation.scenes.scenes import StringScene
 
@@ -17,7 +17,8 @@ TABLE_HALF_M = 0.8
 def scene_meshes(scene: StringScene) -> list[Mesh]:
     """Return the meshes of a scene: the strings in their order, then the table and the clutter."""
     strings = [tube(curve, radius_m) for curve, radius_m in zip(scene.curves, scene.radii_m, strict=True)]
-    return [*strings, table(), *map(box_mesh, scene.boxes), *map(clump_mesh, scene.clumps)]
+    clutter = [*map(box_mesh, scene.boxes), *map(clump_mesh, scene.clumps)]
+    return [*strings, table(), *clutter, *map(rod_mesh, scene.rods), *map(cloth_mesh, scene.cloths)]
 
 
 def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
@@ -91,10 +92,51 @@ def clump_mesh(clump: Clump, cell_m: float = 0.003) -> Mesh:
     )
     dome = 1 - (x**2 + y**2) / clump.radius_m**2
     z = clump.height_m * np.sqrt(np.maximum(dome, 0.0)) * np.clip(0.65 + rough, 0.05, 1.0)
-    vertices = np.column_stack([x.ravel() + clump.centre_m[0], y.ravel() + clump.centre_m[1], z.ravel()])
+    return _relief(x + clump.centre_m[0], y + clump.centre_m[1], z)
+
+
+def rod_mesh(rod: Rod, sides: int = 40) -> Mesh:
+    """Return a rod. Its vertices are as far outside the true surface as the middles of the faces are inside."""
+    start, end = np.array(rod.start_m), np.array(rod.end_m)
+    axis = (end - start) / np.linalg.norm(end - start)
+    side = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    side /= np.linalg.norm(side)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    corner_m = rod.radius_m * 2 / (1 + np.cos(np.pi / sides))
+    circle = corner_m * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side))
+    vertices = np.vstack([start + circle, end + circle, start, end])
+    k = np.arange(sides)
+    following = (k + 1) % sides
+    first, last = np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+    triangles = [
+        np.column_stack([k, following, following + sides]),
+        np.column_stack([k, following + sides, k + sides]),
+        np.column_stack([first, following, k]),
+        np.column_stack([last, k + sides, following + sides]),
+    ]
+    return vertices.astype(np.float32), np.vstack(triangles).astype(np.uint32)
+
+
+def cloth_mesh(cloth: Cloth, cell_m: float = 0.001) -> Mesh:
+    """Return a cloth: a square of constant thickness, on which each fold is a ridge with a bell curve as section."""
+    from scipy.spatial import KDTree
+
+    half = int(np.ceil(cloth.half_m / cell_m))
+    x, y = np.meshgrid(*(np.arange(-half, half + 1) * cell_m,) * 2)
+    x, y = x + cloth.centre_m[0], y + cloth.centre_m[1]
+    z = np.full(x.shape, cloth.thickness_m)
+    for fold in cloth.folds:
+        distance = KDTree(fold).query(np.stack([x, y], axis=-1))[0]
+        z = np.maximum(z, cloth.thickness_m + cloth.fold_height_m * np.exp(-((distance / cloth.fold_width_m) ** 2) / 2))
+    z[[0, -1]], z[:, [0, -1]] = 0.0, 0.0
+    return _relief(x, y, z)
+
+
+def _relief(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> Mesh:
+    """Return the surface of heights (M, N) over a grid, without its parts at the height 0, which are the table."""
+    vertices = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     number = np.arange(z.size).reshape(z.shape)
     a, b, c, d = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
     triangles = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2).reshape(-1, 3)
-    # flat parts are the table
     triangles = triangles[z.ravel()[triangles].max(axis=1) > 0]
     return vertices.astype(np.float32), triangles.astype(np.uint32)

@@ -30,6 +30,34 @@ class Clump:
     """Seed of its surface."""
 
 
+@dataclass(frozen=True)
+class Rod:
+    """A straight round bar with flat ends: a pen on the table, or a post."""
+
+    start_m: tuple[float, float, float]
+    """Start (x, y, z) of its axis."""
+    end_m: tuple[float, float, float]
+    """End (x, y, z) of its axis."""
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A thin cloth on the table with folds, whose sides pass smoothly into the cloth."""
+
+    centre_m: tuple[float, float]
+    """Position (x, y) of its centre."""
+    half_m: float
+    """Half of the side length of the square cloth."""
+    thickness_m: float
+    folds: tuple[NDArray[np.float64], ...]
+    """Ridge (N, 2) of each fold, seen from above."""
+    fold_height_m: float
+    """Height of the folds above the cloth."""
+    fold_width_m: float
+    """Standard deviation of the cross-section of a fold, which is a bell curve."""
+
+
 def fixture_edge(rng: np.random.Generator) -> Box:
     """Return the edge of a fixture, which is long, straight and 3 to 15 mm high."""
     bearing = rng.uniform(0, 2 * np.pi)

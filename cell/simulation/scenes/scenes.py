@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cell.config.camera_config import SCENES
 from cell.config.strict_model import unit_hint
-from cell.simulation.scenes.clutter import Box, Clump, fixture_edge, place_boxes, place_clump
+from cell.simulation.scenes.clutter import Box, Cloth, Clump, Rod, fixture_edge, place_boxes, place_clump
 from cell.simulation.scenes.layout import SceneError, SceneRequest, draft
 from cell.simulation.scenes.low_obstacles import KINDS, draw_plate, place_low_objects
 from cell.simulation.scenes.placement import lay_down
@@ -31,6 +31,10 @@ class StringScene:
     """Boxes beside or under the strings."""
     clumps: tuple[Clump, ...] = field(default=())
     """Clumps beside the strings."""
+    rods: tuple[Rod, ...] = field(default=())
+    """Pens and posts beside the strings."""
+    cloths: tuple[Cloth, ...] = field(default=())
+    """Cloths beside the strings."""
     radii_m: tuple[float, ...] = field(default=())
     """Radius of each string. By default all have `radius_m`."""
 
@@ -117,7 +121,7 @@ def make_scene(
     if boxes is None or (name == "empty" and clump is None):
         raise SceneError(f"{name}: there is no room for {clutter} boxes beside the strings; use fewer")
     clumps = () if clump is None else (clump,)
-    return StringScene(f"{name}-{seed}", radii_m[0] if radii_m else radius_m, curves, boxes, clumps, radii_m)
+    return StringScene(f"{name}-{seed}", radii_m[0] if radii_m else radius_m, curves, boxes, clumps, radii_m=radii_m)
 
 
 def _lay(

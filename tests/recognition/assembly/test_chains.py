@@ -143,9 +143,9 @@ def test_an_end_that_continues_under_another_strand_is_unobserved(seen: Callable
     ],
 )
 def test_a_radius_that_contradicts_the_given_one_is_a_note_and_a_much_smaller_one_a_doubt(
-    seen: Callable, straight: Callable, registered: Callable, share: float, codes: list[tuple[str, str]]
+    seen: Callable, arc: Callable, registered: Callable, share: float, codes: list[tuple[str, str]]
 ) -> None:
-    axis = straight((0, 0, share * R), (0.12, 0, share * R))
+    axis = arc(0.2, 0, 34, share * R)
     assembly = assembled(registered([seen([axis], radii=[share * R], noise=NOISE)]))
     (chain,) = assembly.chains
     assert [(finding.code, finding.severity) for finding in assembly.findings] == codes
@@ -157,11 +157,24 @@ def test_a_radius_that_contradicts_the_given_one_is_a_note_and_a_much_smaller_on
         assert chain.radius_m == pytest.approx(share * R, rel=0.02)
 
 
-def test_strings_of_different_radii_lie_in_one_scene(
-    seen: Callable, straight: Callable, registered: Callable, off_line: Callable
+@pytest.mark.parametrize(("share", "is_doubt"), [(1.4, True), (1.0, False)])
+def test_a_straight_chain_of_another_radius_may_be_a_rod(
+    seen: Callable, straight: Callable, registered: Callable, share: float, is_doubt: bool
 ) -> None:
-    # In the order of x + y / 2 of their means: 50 mm and 85 mm.
-    axes = [straight((0, 0, 0.6 * R), (0.1, 0, 0.6 * R)), straight((0, 0.04, 1.4 * R), (0.13, 0.04, 1.4 * R))]
+    axis = straight((0, 0, share * R), (0.12, 0, share * R))
+    assembly = assembled(registered([seen([axis], radii=[share * R], noise=NOISE)]))
+    doubts = [finding for finding in assembly.findings if finding.severity == "doubt"]
+    assert [(finding.code, finding.chains) for finding in doubts] == ([("possible-rod", (0,))] if is_doubt else [])
+    if is_doubt:
+        assert doubts[0].value == pytest.approx(share * R, rel=0.02)
+        assert doubts[0].point_m == pytest.approx((0.06, 0.0, share * R), abs=0.001)
+
+
+def test_strings_of_different_radii_lie_in_one_scene(
+    seen: Callable, arc: Callable, registered: Callable, off_line: Callable
+) -> None:
+    # In the order of x + y / 2 of their means.
+    axes = [arc(0.2, 0, 28, 0.6 * R), arc(0.25, 0, 30, 1.4 * R)]
     assembly = assembled(registered([seen(axes, radii=[0.6 * R, 1.4 * R], noise=NOISE)]))
     chains = assembly.chains
     (doubt,) = (finding for finding in assembly.findings if finding.severity != "note")

@@ -200,6 +200,42 @@ def test_a_short_strand_between_uneven_surface_is_a_ridge(seen: Callable, straig
     assert codes(longer, seen([longer])[0], R, R) == []
 
 
+def test_beside_a_string_a_straight_strand_of_another_radius_is_a_rod(seen: Callable, straight: Callable) -> None:
+    string, line = straight((0, 0.05, R), (0.2, 0.05, R), 0.003), straight((0, 0, R), (0.12, 0, R), 0.003)
+    string = string + (0, 1, 0) * np.sin(np.linspace(0, 3, len(string)))[:, None] * 0.02
+    surface, _ = seen([string, line])
+    rod = replace(fitted(line), radius_m=1.3 * R, measured_radius_m=1.3 * R)
+    found = classified(surface, fitted(string), rod)
+    assert len(found.strings) == 1
+    assert_excluded(found.findings, "possible-string", 0.12, (0.06, 0.0, R))
+    assert "straight as a rod, and its radius is 5.5 mm" in found.findings[0].message
+    # Alone, it may as well be a straight string for which a wrong radius was given.
+    surface, _ = seen([line])
+    (kept,), findings = selected(surface, rod)
+    assert (kept.radius_m, findings) == (1.3 * R, [])
+
+
+def test_an_upright_strand_is_no_string(seen: Callable, straight: Callable) -> None:
+    string, post = straight((0, 0, R), (0.2, 0, R), 0.003), straight((0, 0.05, R), (0, 0.05, 0.06), 0.003)
+    around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    side = np.column_stack([np.cos(around), np.sin(around), np.zeros(12)])
+    surface = np.vstack([seen([string])[0], (post[:, None] + R * side).reshape(-1, 3)])
+    (kept,), findings = selected(surface, fitted(string), fitted(post))
+    np.testing.assert_array_equal(kept.points, string)
+    assert_excluded(findings, "piece-upright", 0.06 - R, (0.0, 0.05, (0.06 + R) / 2))
+
+
+def test_a_short_strand_that_is_thin_and_high_is_a_fold(seen: Callable, straight: Callable) -> None:
+    string, top = straight((0, 0.05, R), (0.2, 0.05, R), 0.003), straight((0, 0, 1.2 * R), (0.1, 0, 1.2 * R), 0.003)
+    surface, _ = seen([string, top])
+    fold = replace(fitted(top), radius_m=0.7 * R, measured_radius_m=0.7 * R)
+    fold = replace(fold, points=top + (0, 1, 0) * np.sin(np.linspace(0, 3, len(top)))[:, None] * 0.005)
+    found = classified(surface, fitted(string), fold)
+    assert len(found.strings) == 1
+    assert [(finding.code, finding.severity) for finding in found.findings] == [("possible-string", "doubt")]
+    assert "as a fold" in found.findings[0].message
+
+
 def test_surface_on_the_tube_of_another_strand_does_not_count(seen: Callable, straight: Callable) -> None:
     # A string, and a rim beside it: half of what is nearest to the rim lies on no tube, or on the string's.
     line, rim = straight((0, 0, R), (0.12, 0, R), 0.003), straight((0, 2 * R, R), (0.1, 2 * R, R), 0.003)

@@ -11,7 +11,6 @@ import pytest
 from cell.simulation.benchmark.grasps import GraspCase, GraspResult
 from cell.simulation.benchmark.scaling import Growth, make_rows
 from cell.simulation.benchmark.speed import Speed, Timing
-from cell.simulation.cases import TIERS
 from cell.simulation.evaluation.metrics import Score
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
@@ -20,7 +19,7 @@ from recognition.model.model import METHODS
 from service.benchmark.estimate import Probe
 from service.benchmark.service import Answers, ServiceTimes
 from service.benchmark.service_process import MeasurementError
-from service.benchmark.views import ViewsCase, ViewsResult
+from service.benchmark.views import VIEWS_TIERS, ViewsCase, ViewsResult
 from service.cli.main import main
 
 SERIES = make_rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
@@ -212,7 +211,7 @@ def test_views_are_one_document_of_all_tiers_that_the_cell_can_have(capsys: pyte
     assert main(["bench", "--only", "views", "--seeds", "2", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert set(document) == {"machine", "views", "views_cases"}
-    assert set(document["views"]) == set(TIERS) - {"measured"}
+    assert set(document["views"]) == set(VIEWS_TIERS)
     assert document["views"]["paper"]["auto_mean_mm"] == 0.2
     assert [case["seed"] for case in document["views_cases"]] == 8 * [0]
     assert main(["bench", "--only", "views", "--tiers", "measured"]) == 1
