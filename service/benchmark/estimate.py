@@ -26,6 +26,8 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "measured": (1.1, 1.6),
     "fixtures": (1.1, 1.4, 1.4, 1.2, 1.2),
     "clutter": (1.5,),
+    "side": (1.6,),
+    "dense": (7.0,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -39,6 +41,8 @@ GRASP_COSTS: Mapping[str, float] = {
     "measured": 18.0,
     "fixtures": 18.0,
     "clutter": 18.0,
+    "side": 18.0,
+    "dense": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

@@ -6,6 +6,7 @@ import numpy as np
 
 from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
+from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.scenes.scenes import SceneError
 
@@ -23,6 +24,8 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "measured": (7, draw_first),
     "fixtures": (8, draw_first),
     "clutter": (14, draw_clutter),
+    "side": (16, draw_crowded),
+    "dense": (17, draw_crowded),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -51,6 +54,8 @@ def make_case(tier: str, seed: int) -> Case:
       plate, posts, slots and walls.
     - `clutter`: one string of 0.4 to 0.5 m, r = 3, 4.2 or 5 mm, up to two crossings, with round objects beside it: in
       turn one or two pens, a cloth with folds, and posts of clips.
+    - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
+    - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
 
     Args:
         tier: One of `TIERS`.
