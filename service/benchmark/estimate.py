@@ -28,6 +28,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "clutter": (1.5,),
     "side": (1.6,),
     "dense": (7.0,),
+    "thin": (3.0,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -43,6 +44,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "clutter": 18.0,
     "side": 18.0,
     "dense": 18.0,
+    "thin": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

@@ -8,6 +8,7 @@ from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.first_tiers import draw_first
+from cell.simulation.cases.thin_tier import draw_thin
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -26,6 +27,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "clutter": (14, draw_clutter),
     "side": (16, draw_crowded),
     "dense": (17, draw_crowded),
+    "thin": (21, draw_thin),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -56,6 +58,7 @@ def make_case(tier: str, seed: int) -> Case:
       turn one or two pens, a cloth with folds, and posts of clips.
     - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
     - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
+    - `thin`: one string of 0.25 m, r = 1 and 1.5 mm in turn, up to two crossings, at 1280x800 from 0.33 to 0.35 m.
 
     Args:
         tier: One of `TIERS`.
