@@ -29,6 +29,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "side": (1.6,),
     "dense": (7.0,),
     "thin": (3.0,),
+    "mixed": (2.4,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -45,6 +46,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "side": 18.0,
     "dense": 18.0,
     "thin": 18.0,
+    "mixed": 20.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {
@@ -56,6 +58,7 @@ VIEWS_COSTS: Mapping[str, float] = {
     "photo": 0.6,
     "hard": 3.7,
     "fixtures": 0.8,
+    "mixed": 1.2,
 }
 """Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

@@ -9,6 +9,7 @@ from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.cases.thin_tier import draw_thin
+from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -28,6 +29,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "side": (16, draw_crowded),
     "dense": (17, draw_crowded),
     "thin": (21, draw_thin),
+    "mixed": (12, draw_mixed),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -59,6 +61,8 @@ def make_case(tier: str, seed: int) -> Case:
     - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
     - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
     - `thin`: one string of 0.25 m, r = 1 and 1.5 mm in turn, up to two crossings, at 1280x800 from 0.33 to 0.35 m.
+    - `mixed`: two or three strings of 0.3 to 0.5 m with up to four crossings. The given radius is that of the thinnest,
+      3 to 4 mm. The others have 1.25, 1.5 or 2 times this radius.
 
     Args:
         tier: One of `TIERS`.
