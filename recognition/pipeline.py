@@ -38,6 +38,7 @@ from recognition.shirakawa.chains import assemble_chains
 from recognition.shirakawa.enhanced_matching import EnhancedMatching
 from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
+from recognition.thicker_strings import find_thicker_strings
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import TracedStrands, trace_strands
 from recognition.view_ingestion import IngestedViews, ingest_views, merge_heights
@@ -224,11 +225,14 @@ def recognise(
             support,
             views=registration.clouds,
         )
+        strings = find_thicker_strings(graph, refinement, registration, occlusion_map, support, parameters)
 
         timer.begin("topology")
-        assembly = assemble_fitted_chains(refinement, registration, occlusion_map, scene, parameters, support)
+        assembly = assemble_fitted_chains(
+            refinement, registration, occlusion_map, scene, parameters, support, strings.passes
+        )
         crossings = find_fitted_crossings(assembly.chains)
-        connections = connection_findings(graph.pairing.ambiguous, assembly.chains)
+        connections = connection_findings(strings.ambiguous, assembly.chains)
     else:
         linked = link_segments(method, centre_line.points, parameters)
 

@@ -163,18 +163,34 @@ def estimate_rough_radius(clouds: Sequence[NDArray[np.float64]], table_z_m: floa
         points = points[points[:, 2] - table_z_m > _noise_height(points[:, 2] - table_z_m)]
     if len(points) == 0:
         raise RadiusUnknownError("no string in view, so no radius can be measured: give the radius")
+    radii = measure_ridges(points, table_z_m)
+    if len(radii) < MIN_RIDGE_CELLS:
+        raise RadiusUnknownError(
+            "nothing above the table is as high as it is wide, like a string, so no radius can be measured: "
+            "give the radius"
+        )
+    return float(np.median(radii))
+
+
+def measure_ridges(points: NDArray[np.float64], table_z_m: float) -> NDArray[np.float64]:
+    """Return half the height of each ridge cell of a string, seen from above (see `estimate_rough_radius`).
+
+    Args:
+        points: (N, 3) points above the table, at least one, metres, base frame.
+        table_z_m: Height of the table, metres.
+
+    Returns:
+        (K,) half the heights, metres. Each ridge cell is about `CELL_M` of the length of a string.
+
+    Raises:
+        RadiusUnknownError: The points spread too far.
+    """
     n_points, height = _grid_heights(points, table_z_m)
     band, half_width = _bands(n_points > 0)
     ridge = band & (half_width >= ndimage.maximum_filter(half_width, 3)) & (half_width > CELL_M) & (height > 0)
     radius, width = height[ridge] / 2, half_width[ridge]
     is_string = (radius < MAX_HEIGHT_WIDTH_RATIO * width) & (width < MAX_HEIGHT_WIDTH_RATIO * radius)
-    is_string &= (radius > R_MIN) & (radius < R_MAX)
-    if is_string.sum() < MIN_RIDGE_CELLS:
-        raise RadiusUnknownError(
-            "nothing above the table is as high as it is wide, like a string, so no radius can be measured: "
-            "give the radius"
-        )
-    return float(np.median(radius[is_string]))
+    return radius[is_string & (radius > R_MIN) & (radius < R_MAX)]
 
 
 def _grid_heights(points: NDArray[np.float64], table_z_m: float) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

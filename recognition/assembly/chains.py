@@ -1,11 +1,13 @@
 """Assembly of the model's chains from fitted strands."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from recognition.assembly.uncertainty import point_uncertainty
 from recognition.messages import format_position
+from recognition.model.canonical_order import order_key
 from recognition.model.chains import Chain, End
 from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
@@ -13,7 +15,12 @@ from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.object_shapes import is_other_rod
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
-from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings, max_squareness
+from recognition.refinement.string_classifier import (
+    MAX_SQUARENESS,
+    StringClassification,
+    classify_strings,
+    max_squareness,
+)
 from recognition.registration.registration import Registration
 from recognition.tracing.occlusion_map import OcclusionMap
 
@@ -43,6 +50,7 @@ def assemble_fitted_chains(
     scene: Scene,
     parameters: ChainParameters,
     support: SupportSurface | None = None,
+    passes: Sequence[StringClassification] = (),
 ) -> ChainAssembly:
     """Build the chains of the model from the fitted strands that are classified as strings.
 
@@ -53,22 +61,27 @@ def assemble_fitted_chains(
         scene: Scene; uses the table height and the workspace.
         parameters: Method parameters; uses the radius r and the border margin r_f.
         support: What the strings rest on. None means the table of the scene.
+        passes: Strings of each radius, the given one first. Without passes, the strands of `refinement` are classified.
 
     Returns:
         The chains with sigmas, view counts and ends, and the findings on the chains and the excluded strands.
     """
     support = support or SupportSurface(scene.table_z_m)
-    classified = classify_strings(refinement, registration.points, parameters, support)
-    findings = list(classified.findings)
-    if not classified.strings:
+    passes = passes or (classify_strings(refinement, registration.points, parameters, support),)
+    findings = [remark for found in passes for remark in found.findings]
+    strings = sorted(
+        ((string, found.scatter_m) for found in passes for string in found.strings),
+        key=lambda one: order_key(one[0].points, one[0].closed),
+    )
+    if not strings:
         message = (
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
             "as thick; check the radius"
         )
         findings.insert(0, finding("no-string-found", message))
     chains: list[Chain] = []
-    for number, strand in enumerate(classified.strings):
-        sigma_m, views = point_uncertainty(strand, registration, refinement.scatter_m)
+    for number, (strand, scatter_m) in enumerate(strings):
+        sigma_m, views = point_uncertainty(strand, registration, scatter_m)
         ends = classify_ends(strand, occlusion_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
         findings += _shape_findings(chains[-1], strand, support) + _radius_findings(chains[-1], strand, parameters)

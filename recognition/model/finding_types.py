@@ -178,7 +178,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "possible-string": FindingType(
         severity="doubt",
         scope="model",
-        meaning="A piece was excluded that may be a string: hardly seen, of another radius, or in uneven surface.",
+        meaning="A piece was excluded that may be a string: hardly seen, of another radius, thicker and straight, "
+        "or in uneven surface.",
         action="Look at it. Check the radius, and give that of the thinnest string. Or scan again from more views.",
         decision="scan again",
         value="length of the piece, m",

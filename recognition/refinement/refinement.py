@@ -94,6 +94,8 @@ def refine(
     support: SupportSurface | None = None,
     max_merges: int = MAX_MERGES,
     views: Sequence[NormalCloud] = (),
+    radius_is_given: bool = True,
+    other_lines: Sequence[Points] = (),
 ) -> Refinement:
     """Fit the strands to the surface: measure radii, localise ends and measure cross-sections.
 
@@ -109,6 +111,8 @@ def refine(
         max_merges: Maximum number of passes that merge overlapping ends.
         views: Registered views. Their depth images show the ends of the strings. Without views, an end is where the
             surface ends.
+        radius_is_given: Whether r is the given radius. If it is only a rough one, each tube has its measured radius.
+        other_lines: (K, 3) centre lines of other strings near the strands, metres, base frame.
 
     Returns:
         The fitted strands, the strand index of each surface point, and the scatter of the surface about the tubes. The
@@ -125,13 +129,15 @@ def refine(
 
     first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r)
     measured_radii = _measure_radii(first_fit, support)
-    radii = _select_radii(measured_radii, scatter_m, r)
+    radii = _select_radii(measured_radii, scatter_m, r) if radius_is_given else measured_radii
     lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
 
     merged = merge_overlapping_ends(_replace_lines(strands, lines), parameters) if max_merges else None
     if merged is not None:
-        return refine(merged, surface, normals, parameters, support, max_merges - 1, views)
-    lines = _localise_ends_in_images(strands, lines, radii, views)
+        return refine(
+            merged, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
+        )
+    lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
@@ -194,13 +200,17 @@ def _localise_ends(
 
 
 def _localise_ends_in_images(
-    strands: Sequence[Strand], lines: Sequence[Points], radii: NDArray[np.float64], views: Sequence[NormalCloud]
+    strands: Sequence[Strand],
+    lines: Sequence[Points],
+    radii: NDArray[np.float64],
+    views: Sequence[NormalCloud],
+    other_lines: Sequence[Points],
 ) -> list[Points]:
     """Move the two ends of each open line to where the depth images show them. Closed lines are unchanged."""
     localised = list(lines)
     for k, strand in enumerate(strands):
         for _ in range(0 if strand.closed else 2):
-            others = other_strand_points(localised, k, radii[k])
+            others = other_strand_points([*localised, *other_lines], k, radii[k])
             # Each pass treats the first point and turns the line round.
             localised[k] = localise_end_in_images(localised[k], views, others, radii[k])[::-1]
     return localised

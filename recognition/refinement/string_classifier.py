@@ -83,6 +83,8 @@ class StringClassification:
     """Strings and their points, in the order of the model."""
     findings: tuple[Finding, ...]
     """Findings on the excluded strands: first those that may be strings, then the others, each the longest first."""
+    scatter_m: float = 0.0
+    """Robust standard deviation of the surface about the tubes of the strands, metres."""
 
 
 def classify_strings(
@@ -154,7 +156,7 @@ def classify_strings(
         else:
             pieces.append(excluded_piece(code, strand.points, length, reason))
     strings = sorted(map(_orient, kept_strands), key=lambda string: order_key(string.points, string.closed))
-    return StringClassification(tuple(strings), (*possible, *shortened(pieces)))
+    return StringClassification(tuple(strings), (*possible, *shortened(pieces)), refinement.scatter_m)
 
 
 def max_squareness(strand: FittedStrand) -> float:
