@@ -30,6 +30,8 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "dense": (7.0,),
     "thin": (3.0,),
     "mixed": (2.4,),
+    "ends": (1.6,),
+    "branches": (1.7,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -47,6 +49,8 @@ GRASP_COSTS: Mapping[str, float] = {
     "dense": 18.0,
     "thin": 18.0,
     "mixed": 20.0,
+    "ends": 20.0,
+    "branches": 20.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {
@@ -59,6 +63,8 @@ VIEWS_COSTS: Mapping[str, float] = {
     "hard": 3.7,
     "fixtures": 0.8,
     "mixed": 1.2,
+    "ends": 0.9,
+    "branches": 0.9,
 }
 """Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

@@ -7,6 +7,7 @@ import numpy as np
 from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
+from cell.simulation.cases.end_tiers import draw_branches, draw_ends
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.cases.thin_tier import draw_thin
 from cell.simulation.cases.mixed_tier import draw_mixed
@@ -30,6 +31,8 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "dense": (17, draw_crowded),
     "thin": (21, draw_thin),
     "mixed": (12, draw_mixed),
+    "ends": (10, draw_ends),
+    "branches": (11, draw_branches),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -63,6 +66,11 @@ def make_case(tier: str, seed: int) -> Case:
     - `thin`: one string of 0.25 m, r = 1 and 1.5 mm in turn, up to two crossings, at 1280x800 from 0.33 to 0.35 m.
     - `mixed`: two or three strings of 0.3 to 0.5 m with up to four crossings. The given radius is that of the thinnest,
       3 to 4 mm. The others have 1.25, 1.5 or 2 times this radius.
+    - `ends`: one or two strings, r = 3, 4.2 or 5 mm, with an end near another end or strand. In turn: end to end with a
+      gap of 1 to 4 r, 1 to 3 r beyond a strand over it, beyond a strand under it, below a strand, beside another strand
+      and beside the own side (0 to 2 r).
+    - `branches`: a string of 0.4 m and one or two that end in its centre line at 40 to 90 degrees, r = 3 to 5 mm, like
+      a moulded cable harness.
 
     Args:
         tier: One of `TIERS`.
