@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.assembly.branches import mark_branches
 from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, unobserved_end_findings
 from recognition.assembly.chains import assemble_fitted_chains
 from recognition.assembly.connections import connection_findings
@@ -247,7 +248,8 @@ def recognise(
     surface = support.remove_from(registration.points, assembly.chains, parameters)
     unexplained = find_unexplained_surface(surface, assembly.chains, parameters)
     chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
-    chains, touching = mark_touching_ends(chains)
+    chains, touching = mark_touching_ends(chains, registration.clouds)
+    chains, branches = mark_branches(chains, registration.clouds)
     findings = (
         *(() if measured else other_radius_findings(ingested.views, scene, parameters, chains, assembly.findings)),
         *crossings.findings,
@@ -256,6 +258,7 @@ def recognise(
         *assembly.findings,
         *possible_object_findings(unexplained, chains, parameters),
         *touching,
+        *branches,
         *unobserved_end_findings(chains, scene, parameters),
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),

@@ -12,8 +12,10 @@ from recognition.model.chains import Chain
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, Which, finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.end_merging import MAX_FACING_COSINE
+from recognition.refinement.visible_gaps import MIN_VIEWS, STEP_RADII, count_views_through
 
 DIRECTION_LENGTH_RADII = 2.0
 """Length of chain from which the direction of an end is measured, in radii."""
@@ -54,14 +56,18 @@ def mark_unobserved_ends(
     return tuple(chain if chain.closed else _mark_ends(chain, rest, parameters) for chain in chains)
 
 
-def mark_touching_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list[Finding]]:
+def mark_touching_ends(
+    chains: Sequence[Chain], views: Sequence[NormalCloud] = ()
+) -> tuple[tuple[Chain, ...], list[Finding]]:
     """Mark two ends as `touching` if they face each other within `MAX_FACING_GAP_RADII`.
 
     A wrong radius can split one string into two chains. In this case, pulling one chain also moves the other chain.
-    The data do not show whether the two ends belong to one string or to two strings that lie end to end.
+    The surface does not show whether the two ends belong to one string or to two strings that lie end to end. They are
+    two strings if the depth images show a gap between the ends.
 
     Args:
         chains: Chains of the model.
+        views: Registered views. Without their depth images, no gap is visible.
 
     Returns:
         The chains with the marked ends, and one finding on each of these ends.
@@ -77,7 +83,8 @@ def mark_touching_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list
         for m, (j, other) in enumerate(ends[:n]):
             max_gap = MAX_FACING_GAP_RADII * max(chains[k].radius_m, chains[j].radius_m)
             gap = float(np.linalg.norm(points[n] - points[m]))
-            if gap < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE:
+            is_facing = gap < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE
+            if is_facing and not _is_gap_visible(points[n], points[m], chains[k].radius_m, views):
                 kinds[k][at] = kinds[j][other] = "touching"
                 pair = f"an end of chain {j} and an end of chain {k}" if j != k else f"the ends of chain {k}"
                 position = format_position(points[n])
@@ -87,6 +94,12 @@ def mark_touching_ends(chains: Sequence[Chain]) -> tuple[tuple[Chain, ...], list
                     for c, end in ((j, other), (k, at))
                 ]
     return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), findings
+
+
+def _is_gap_visible(a: NDArray[np.float64], b: NDArray[np.float64], r: float, views: Sequence[NormalCloud]) -> bool:
+    """Return whether at least `MIN_VIEWS` views look through the straight line between two ends (3,)."""
+    between = np.linspace(a, b, max(int(np.linalg.norm(b - a) / (STEP_RADII * r)), 1) + 1)
+    return bool((count_views_through(between, r, views) >= MIN_VIEWS).any())
 
 
 def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:

@@ -14,7 +14,8 @@ End = Literal["free", "unobserved", "touching"]
 """Kind of an end of a chain.
 
 `free`: the end of the string was observed. `unobserved`: the end is hidden or outside the workspace, and the string may
-continue there. `touching`: the end touches another end, and one string may continue there.
+continue there. `touching`: the end faces another end, and one string may continue there. Or the end meets the side of a
+strand, and may be joined to it.
 """
 MIN_CERTAIN_CONFIDENCE = 0.9
 """Minimum confidence of a certain crossing. With less confidence, either strand may be the upper strand."""

@@ -121,7 +121,7 @@ class ChainDocument(_Document):
     """Number of views that saw the string at each point. 0: the point is bridged."""
     ends: tuple[End, End]
     """First and last end. `free`: the string was seen to end there. `unobserved`: it may continue there. `touching`: it
-    touches another end, and one string may continue there."""
+    faces another end, and one string may continue there; or it meets the side of a strand, and may be joined to it."""
     trust: Verdict
     """Verdict on this chain. `accept`: act. `review`: act on the trusted parts only. `refuse`: do not act."""
     trusted_m: Annotated[list[Interval], ROUNDED_EACH]

@@ -27,6 +27,7 @@ FindingCode = Literal[
     "crossing-undecided",
     "upper-strand-unseen",
     "ends-touching",
+    "possible-branch",
     "end-unobserved",
     "possible-bar",
     "possible-rod",
@@ -127,6 +128,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Check the radius. Treat both ends as connected until a person or another scan has separated them.",
         decision="ask a person",
         value="gap between the ends, m",
+    ),
+    "possible-branch": FindingType(
+        severity="doubt",
+        scope="part",
+        meaning="An end meets the side of a strand at the same height. They may be joined, as in a cable harness.",
+        action="Treat both strands as joined until a person has separated them. Pulling one may move the other.",
+        decision="ask a person",
+        value="distance of the end from the centre line of the strand, m",
     ),
     "end-unobserved": FindingType(
         severity="doubt",

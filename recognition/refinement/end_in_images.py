@@ -82,11 +82,16 @@ def localise_end_in_images(
     return line if end is None else move_end(line, terms, end, r)
 
 
-def other_strand_points(lines: Sequence[Points], number: int, r: float) -> KDTree | None:
-    """Return the centre points of all other lines, and of line `number` away from its first point; None without any."""
+def other_strand_points(lines: Sequence[Points], number: int, r: float) -> Points:
+    """Return the centre points (K, 3) of all other lines, and of line `number` away from its first point."""
     line = lines[number]
     far = line[arc_length(line) > OWN_END_RADII * r]
-    points = np.vstack([far, *(other for k, other in enumerate(lines) if k != number)])
+    return np.vstack([far, *(other for k, other in enumerate(lines) if k != number)])
+
+
+def other_strand_tree(lines: Sequence[Points], number: int, r: float) -> KDTree | None:
+    """Return the tree of `other_strand_points`, or None without any."""
+    points = other_strand_points(lines, number, r)
     return KDTree(points) if len(points) else None
 
 

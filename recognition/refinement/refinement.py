@@ -11,10 +11,16 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.cross_section import CrossSections, measure_cross_sections
-from recognition.refinement.end_in_images import localise_end_in_images, other_strand_points
-from recognition.refinement.end_localisation import localise_end
+from recognition.refinement.end_in_images import (
+    OWN_END_RADII,
+    localise_end_in_images,
+    other_strand_points,
+    other_strand_tree,
+)
+from recognition.refinement.end_localisation import MAX_EXTENSION_RADII, extend_below_strand, localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
 from recognition.refinement.tube_fit import Assignment, TubeFit
+from recognition.refinement.visible_gaps import split_at_visible_gaps
 from recognition.strand import Strand
 
 Points = NDArray[np.float64]
@@ -137,6 +143,11 @@ def refine(
         return refine(
             merged, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
         )
+    split = split_at_visible_gaps(_replace_lines(strands, lines), radii, views) if max_merges else None
+    if split is not None:
+        return refine(
+            split, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
+        )
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)
@@ -188,15 +199,36 @@ def _localise_ends(
 ) -> list[Points]:
     """Move the two ends of each open line to the ends of its string. Closed lines are unchanged."""
     fit = TubeFit(lines, r, surface, normals, radii)
-    strand_of_point = fit.lines_of_points(fit.assign()) if len(lines) > 1 else np.zeros(len(surface), dtype=np.int64)
+    open_lines = [k for k, strand in enumerate(strands) if not strand.closed]
+    link = np.full(len(surface), -1)
+    # A single line that stays away from its own ends needs no assignment: all surface shows its ends.
+    if len(lines) > 1 or any(_is_near_own_end(lines[k], radii[k]) for k in open_lines):
+        assigned = fit.assign()
+        link[assigned.point] = assigned.link
     localised = list(lines)
-    for k, strand in enumerate(strands):
-        if not strand.closed:
-            # Exclude surface on the tubes of other strands. It does not show the end of this strand.
-            is_own = (strand_of_point == k) | (strand_of_point < 0)
-            line = localise_end(lines[k], surface[is_own], normals[is_own], radii[k])
-            localised[k] = localise_end(line[::-1], surface[is_own], normals[is_own], radii[k])[::-1]
+    for k in open_lines:
+        s, first = arc_length(lines[k]), fit.rows(k).start
+        for from_end in (s, s[-1] - s):
+            # Surface on other strands, and on this strand away from the end, does not show the end.
+            is_foreign = np.ones(len(fit.points) + 1, dtype=bool)
+            is_foreign[first : first + len(s)] = from_end > OWN_END_RADII * radii[k]
+            is_foreign[-1] = False  # link -1: surface on no strand
+            is_own = ~is_foreign[link]
+            own_surface, own_normals = surface[is_own], normals[is_own]
+            line = localise_end(localised[k], own_surface, own_normals, radii[k])
+            others = other_strand_points([*lines[:k], line, *lines[k + 1 :]], k, radii[k])
+            # Each pass treats the first point and turns the line round.
+            localised[k] = extend_below_strand(line, own_surface, own_normals, others, radii[k])[::-1]
     return localised
+
+
+def _is_near_own_end(line: Points, r: float) -> bool:
+    """Return whether a line comes near one of its two ends again."""
+    near = 2 * MAX_EXTENSION_RADII * r
+    return any(
+        bool((np.linalg.norm(end[arc_length(end) > OWN_END_RADII * r] - end[0], axis=1) < near).any())
+        for end in (line, line[::-1])
+    )
 
 
 def _localise_ends_in_images(
@@ -210,7 +242,7 @@ def _localise_ends_in_images(
     localised = list(lines)
     for k, strand in enumerate(strands):
         for _ in range(0 if strand.closed else 2):
-            others = other_strand_points([*localised, *other_lines], k, radii[k])
+            others = other_strand_tree([*localised, *other_lines], k, radii[k])
             # Each pass treats the first point and turns the line round.
             localised[k] = localise_end_in_images(localised[k], views, others, radii[k])[::-1]
     return localised

@@ -16,7 +16,7 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.end_in_images import localise_end_in_images, other_strand_points
+from recognition.refinement.end_in_images import localise_end_in_images, other_strand_tree
 
 R = 0.0042
 STEP = 0.7 * R
@@ -93,7 +93,7 @@ def test_the_line_stays_where_the_camera_is_behind_the_end() -> None:
 def test_another_strand_across_the_end_does_not_extend_it() -> None:
     across = straight((-2.2 * R, -0.05), (-2.2 * R, 0.05))
     seen = views([straight((0, 0), (0.1, 0)), across])
-    others = other_strand_points([line_from(0), across], 0, R)
+    others = other_strand_tree([line_from(0), across], 0, R)
     for start in (-0.3, 0.3):
         ended = localise_end_in_images(line_from(start * R), seen, others, R)
         assert ended[0, 0] == pytest.approx(0.0, abs=0.0015)
@@ -103,7 +103,7 @@ def test_an_end_that_lies_on_another_strand_stays() -> None:
     under = straight((0, -0.05), (0, 0.05))
     seen = views([straight((0, 0), (0.1, 0), 3 * R), under])
     raised = line_from(0.6 * R) + (0, 0, 2 * R)
-    others = other_strand_points([raised, under], 0, R)
+    others = other_strand_tree([raised, under], 0, R)
     np.testing.assert_array_equal(localise_end_in_images(raised, seen, others, R), raised)
 
 
@@ -121,17 +121,17 @@ def test_a_strand_above_hides_the_end() -> None:
     # The hidden part is neither string nor free space, so the line keeps its end.
     over = straight((-0.5 * R, -0.05), (-0.5 * R, 0.05), 3 * R)
     seen = views([straight((-0.05, 0), (0.1, 0)), over])
-    others = other_strand_points([line_from(R), over], 0, R)
+    others = other_strand_tree([line_from(R), over], 0, R)
     np.testing.assert_array_equal(localise_end_in_images(line_from(R), seen, others, R), line_from(R))
 
 
 def test_the_line_away_from_the_end_counts_as_another_strand(arc: Callable) -> None:
     line = arc(0.03, 0, 300)
-    tree = other_strand_points([line], 0, R)
+    tree = other_strand_tree([line], 0, R)
     assert isinstance(tree, KDTree)
     # Six radii from the first point.
     assert np.linalg.norm(tree.data - line[0], axis=1).min() > 5.9 * R
-    assert other_strand_points([line_from(0, 0.01)], 0, R) is None
+    assert other_strand_tree([line_from(0, 0.01)], 0, R) is None
 
 
 @pytest.mark.parametrize("seen_from", [0.0, 90.0, 180.0])

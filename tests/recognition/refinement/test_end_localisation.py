@@ -1,11 +1,11 @@
 """Lines extended or cut to where the surface about them ends."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from recognition.refinement.end_localisation import localise_end
+from recognition.refinement.end_localisation import extend_below_strand, localise_end
 
 R = 0.0042
 STEP = 0.7 * R
@@ -83,3 +83,44 @@ def test_lines_of_a_few_points_are_accepted(seen: Callable, straight: Callable) 
         ended = localise_end(line_from(0.5 * R)[:count], surface, normals, R)
         assert ended[0, 0] == pytest.approx(0.0, abs=0.3 * R)
         assert np.isfinite(ended).all()
+
+
+def below(end: float, straight: Callable, height: float = 3 * R) -> tuple[np.ndarray, np.ndarray]:
+    """Return a string along x that ends at `end`, and a strand across x = 0 at a height."""
+    return straight((end, 0, R), (0.1, 0, R)), straight((0, -0.05, height), (0, 0.05, height))
+
+
+def own_surface(seen: Callable, strings: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the surface without that of the second string, whose top is higher than that of the first."""
+    surface, normals = seen(strings, noise=NOISE)
+    is_own = surface[:, 2] < 2.3 * R
+    return surface[is_own], normals[is_own]
+
+
+@pytest.mark.parametrize("end", [-1.8, -2.5, -3.5])
+def test_an_end_beyond_a_strand_above_is_found(seen: Callable, straight: Callable, end: float) -> None:
+    strings = below(end * R, straight)
+    surface, normals = own_surface(seen, strings)
+    line = line_from(1.1 * R)
+    extended = extend_below_strand(line, surface, normals, strings[1], R)
+    assert extended[0, 0] == pytest.approx(end * R, abs=0.3 * R)
+    assert np.abs(extended[:, 1]).max() < 0.3 * R
+    np.testing.assert_array_equal(extended[-10:], line[-10:])
+
+
+def test_an_end_below_a_strand_stays(seen: Callable, straight: Callable) -> None:
+    strings = below(-0.5 * R, straight)
+    line = line_from(1.1 * R)
+    np.testing.assert_array_equal(extend_below_strand(line, *own_surface(seen, strings), strings[1], R), line)
+
+
+def test_surface_without_a_strand_above_does_not_extend_the_end(seen: Callable, straight: Callable) -> None:
+    line = line_from(1.1 * R)
+    beyond = own_surface(seen, below(-3 * R, straight))
+    # Without another strand, below the strand, and too far before it.
+    for others in (
+        np.empty((0, 3)),
+        straight((0, -0.05, R), (0, 0.05, R)),
+        straight((-4 * R, -0.05, 3 * R), (-4 * R, 0.05, 3 * R)),
+    ):
+        np.testing.assert_array_equal(extend_below_strand(line, *beyond, others, R), line)

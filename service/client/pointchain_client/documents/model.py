@@ -28,8 +28,8 @@ FRAME = "base"
 End: TypeAlias = str
 """Kind of an end of a chain.
 
-`free`: the end of the string was observed. `unobserved`: the string may continue there. `touching`: the end touches
-another end, and one string may continue there.
+`free`: the end of the string was observed. `unobserved`: the string may continue there. `touching`: the end faces
+another end, and one string may continue there; or it meets the side of a strand, and may be joined to it.
 """
 Interval: TypeAlias = tuple[float, float]
 """Arc lengths of the two ends of a part of a chain, metres."""

@@ -1,0 +1,111 @@
+"""Visible gaps: places where the depth images show that no string is, because they measured what lies behind it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths
+from recognition.preprocessing.normals import NormalCloud
+from recognition.strand import Strand
+
+Points = NDArray[np.float64]
+
+STEP_RADII = 0.25
+"""Spacing of the examined points, in radii of the string."""
+BEHIND_RADII = 0.5
+"""Minimum distance of the measured point behind the axis, along the optical axis, in radii.
+
+The surface of a string is 1 radius or more before its axis, and the table 1 radius or more behind it.
+"""
+MIN_VIEWS = 2
+"""Minimum number of views that look through a gap. One view may be wrong at one pixel."""
+MIN_PART_RADII = 3.0
+"""Minimum length of a part of a split strand, in radii. A shorter part shows no direction."""
+
+
+def count_views_through(points: Points, r: float, views: Sequence[NormalCloud]) -> NDArray[np.int64]:
+    """Return the numbers (N,) of views whose line of sight passes through each point and ends behind it.
+
+    A string with its axis at the point would have stopped the line of sight. Views in which another object hides the
+    point, or which measured no depth there, do not count.
+
+    Args:
+        points: (N, 3) points, metres, base frame.
+        r: Radius of the string, metres.
+        views: Registered views. Views without a depth image do not count.
+    """
+    count = np.zeros(len(points), dtype=np.int64)
+    for view in views:
+        if view.image is None or view.T_base_camera is None:
+            continue
+        image, T = view.image, view.T_base_camera
+        in_camera = (points - T[:3, 3]) @ T[:3, :3]
+        is_ahead = in_camera[:, 2] > 0
+        pixels = in_camera @ image.K.T
+        columns, rows = np.rint(pixels[:, :2] / np.where(is_ahead, pixels[:, 2], 1.0)[:, None]).astype(np.int64).T
+        height, width = image.depth.shape
+        is_inside = is_ahead & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        depth = image.depth[rows[is_inside], columns[is_inside]] * image.depth_unit_m
+        count[is_inside] += depth > in_camera[is_inside, 2] + BEHIND_RADII * r
+    return count
+
+
+def split_at_visible_gaps(
+    strands: Sequence[Strand], radii: NDArray[np.float64], views: Sequence[NormalCloud]
+) -> list[Strand] | None:
+    """Split the strands where at least `MIN_VIEWS` views look through their axis.
+
+    Two strings that lie end to end with a short gap are traced as one strand. Their surfaces may be linked over the
+    gap, but the lines of sight across the strings show it.
+
+    Args:
+        strands: Strands with fitted lines.
+        radii: (K,) radius of each strand, metres.
+        views: Registered views.
+
+    Returns:
+        The strands and the parts of split strands, without parts shorter than `MIN_PART_RADII`. None if no strand has a
+        visible gap.
+    """
+    parts: list[Strand] = []
+    is_split = False
+    for strand, r in zip(strands, radii, strict=True):
+        gaps = _visible_gaps(strand, float(r), views)
+        is_split |= bool(len(gaps))
+        parts += _split(strand, gaps, MIN_PART_RADII * float(r)) if len(gaps) else [strand]
+    return parts if is_split else None
+
+
+def _visible_gaps(strand: Strand, r: float, views: Sequence[NormalCloud]) -> NDArray[np.float64]:
+    """Return the first and last arc lengths (M, 2) of the visible gaps of a strand, metres.
+
+    The last radius of an open end is not examined, because the position of an end is uncertain by this much.
+    """
+    line = close_polyline(strand.points, strand.closed)
+    s = resampled_lengths(line, STEP_RADII * r)
+    is_gap = count_views_through(points_at(line, s), r, views) >= MIN_VIEWS
+    if not strand.closed:
+        is_gap &= (s > r) & (s < s[-1] - r)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_gap, [False]])))
+    return np.column_stack([s[edges[::2]], s[edges[1::2] - 1]])
+
+
+def _split(strand: Strand, gaps: NDArray[np.float64], min_length: float) -> list[Strand]:
+    """Return the parts of a strand between its gaps (M, 2) that are at least `min_length` metres long."""
+    points, bridged, closed = strand.points, strand.bridged, strand.closed
+    s = arc_length(points)
+    if closed:
+        # The parts of a closed strand begin after its first gap.
+        first = int(np.searchsorted(s, gaps[0, 1], side="right"))
+        length = float(arc_length(close_polyline(points, True))[-1])
+        s = np.concatenate([s[first:], s[:first] + length])
+        points, bridged = np.roll(points, -first, axis=0), np.roll(bridged, -first)
+        gaps = np.vstack([gaps[1:], gaps[:1] + length])
+    starts, stops = np.concatenate([[-np.inf], gaps[:, 1]]), np.concatenate([gaps[:, 0], [np.inf]])
+    parts = []
+    for start, stop in zip(starts, stops, strict=True):
+        part = (s > start) & (s < stop)
+        if part.sum() > 2 and np.ptp(s[part]) >= min_length:
+            parts.append(Strand(points[part], bridged[part]))
+    return parts

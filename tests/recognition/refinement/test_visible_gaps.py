@@ -1,0 +1,115 @@
+"""Gaps that the depth images show: lines of sight that pass the axis of a string and end behind it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from cell.planning.look_at import look_at
+from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
+from cell.simulation.scenes.clutter import Box
+from cell.simulation.scenes.scenes import StringScene
+from recognition.geometry.polyline import arc_length
+from recognition.preprocessing.normals import NormalCloud
+from recognition.refinement.visible_gaps import MIN_VIEWS, count_views_through, split_at_visible_gaps
+from recognition.strand import Strand
+
+R = 0.0042
+RADII = np.array([R])
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """A depth image, as recognition reads it."""
+
+    depth: np.ndarray
+    depth_unit_m: float
+    K: np.ndarray
+    T_base_camera: np.ndarray
+    index: int
+
+
+def captured(*curves: np.ndarray, boxes: tuple[Box, ...] = (), tilt_deg: float = 50) -> list[NormalCloud]:
+    """Return six views with the noise of a stereo camera at 0.5 m."""
+    camera = DepthCamera(camera_model("oak-d-pro"), StringScene("hand-made", R, curves, boxes))
+    clouds = []
+    for k in range(6):
+        T = look_at(np.zeros(3), np.radians(60 * k), np.radians(tilt_deg), 0.5, 0.0)
+        depth = camera.capture(T, np.random.default_rng(k))
+        image = Image(depth, camera.model.depth_unit_m, camera.model.K, T, k)
+        clouds.append(NormalCloud(k, np.empty((0, 3)), np.empty((0, 3)), np.eye(4), T, image))
+    return clouds
+
+
+def along_x(start: float, end: float) -> np.ndarray:
+    x = np.linspace(start, end, round((end - start) / 0.001) + 1)
+    return np.column_stack([x, np.zeros_like(x), np.full_like(x, R)])
+
+
+def strand(points: np.ndarray, closed: bool = False) -> Strand:
+    return Strand(points, np.zeros(len(points), dtype=bool), closed)
+
+
+def with_gap(gap_radii: float) -> tuple[np.ndarray, np.ndarray]:
+    return along_x(-0.1, -gap_radii * R / 2), along_x(gap_radii * R / 2, 0.1)
+
+
+def test_no_view_looks_through_a_string_and_all_look_through_free_space() -> None:
+    views = captured(along_x(-0.1, 0.1))
+    assert count_views_through(along_x(-0.095, 0.095), R, views).max() == 0
+    beside = along_x(-0.1, 0.1) + [0.0, 6 * R, 0.0]
+    assert count_views_through(beside, R, views).min() >= 4
+    assert (count_views_through(along_x(5.0, 6.0), R, views) == 0).all(), "outside of all images"
+    assert (count_views_through(beside, R, []) == 0).all()
+
+
+def test_a_point_that_an_object_hides_is_not_looked_through() -> None:
+    box = Box((0.0, 0.0), (0.12, 0.12, 0.03), 0.0)
+    assert (count_views_through(along_x(-0.03, 0.03), R, captured(along_x(-0.1, 0.1), boxes=(box,))) == 0).all()
+
+
+@pytest.mark.parametrize("gap_radii", [1.0, 2.0, 4.0])
+def test_a_strand_over_a_gap_is_split_there(gap_radii: float) -> None:
+    parts = split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, captured(*with_gap(gap_radii)))
+    assert parts is not None
+    left, right = parts
+    # A part reaches into the gap by less than a radius, which the localisation of the ends removes.
+    assert -gap_radii * R / 2 - 0.2 * R <= left.points[-1, 0] < 0
+    assert 0 < right.points[0, 0] <= gap_radii * R / 2 + 0.2 * R
+
+
+@pytest.mark.parametrize("gap_radii", [0.0, 0.2])
+def test_a_strand_without_a_visible_gap_is_not_split(gap_radii: float) -> None:
+    assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, captured(*with_gap(gap_radii))) is None
+
+
+def test_one_view_is_not_enough() -> None:
+    views = captured(*with_gap(4.0))
+    through = [view for view in views if count_views_through(along_x(0, 0.0005), R, [view]).any()]
+    assert len(through) >= MIN_VIEWS
+    assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, through[:1]) is None
+    assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, through[:MIN_VIEWS]) is not None
+
+
+def test_a_short_part_is_dropped_and_an_inaccurate_end_is_no_gap() -> None:
+    # The string ends at x = 0.09. Two radii of the line lie beyond a gap.
+    views = captured(along_x(-0.1, 0.09), along_x(0.09 + 3 * R, 0.15))
+    (part,) = split_at_visible_gaps([strand(along_x(-0.1, 0.09 + 5 * R))], RADII, views) or []
+    assert part.points[-1, 0] == pytest.approx(0.09, abs=R)
+    assert split_at_visible_gaps([strand(along_x(-0.1, 0.09 + 0.9 * R))], RADII, views) is None
+
+
+@pytest.mark.parametrize("start_deg", [90, 300])
+def test_a_ring_with_a_gap_becomes_an_open_strand(start_deg: float) -> None:
+    def arc(first_deg: float, last_deg: float) -> np.ndarray:
+        turn = np.radians(np.arange(first_deg, last_deg, 1))
+        return np.column_stack([0.05 * np.cos(turn), 0.05 * np.sin(turn), np.full_like(turn, R)])
+
+    (part,) = (
+        split_at_visible_gaps([strand(arc(start_deg, start_deg + 360), closed=True)], RADII, captured(arc(8, 352)))
+        or []
+    )
+    assert not part.closed
+    assert arc_length(part.points)[-1] == pytest.approx(0.05 * np.radians(344), abs=R)
+    assert part.points[0, 1] > 0 > part.points[-1, 1]
+    assert max(abs(part.points[0, 1]), abs(part.points[-1, 1])) < 0.01
