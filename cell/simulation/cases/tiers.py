@@ -11,6 +11,7 @@ from cell.simulation.cases.end_tiers import draw_branches, draw_ends
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.cases.thin_tier import draw_thin
 from cell.simulation.cases.mixed_tier import draw_mixed
+from cell.simulation.cases.noise_tiers import draw_noisy
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -33,6 +34,8 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "mixed": (12, draw_mixed),
     "ends": (10, draw_ends),
     "branches": (11, draw_branches),
+    "speckle": (15, draw_noisy),
+    "noise": (20, draw_noisy),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -71,6 +74,10 @@ def make_case(tier: str, seed: int) -> Case:
       and beside the own side (0 to 2 r).
     - `branches`: a string of 0.4 m and one or two that end in its centre line at 40 to 90 degrees, r = 3 to 5 mm, like
       a moulded cable harness.
+    - `speckle`: scenes of `paper` and `long` in turn. The strings lose 30 to 60 % of their pixels, independently or in
+      small blobs.
+    - `noise`: scenes of `paper` and `long` in turn, with 1 to 4 times the errors of real cameras. Recognition must
+      refuse the noisiest ones.
 
     Args:
         tier: One of `TIERS`.

@@ -14,6 +14,7 @@ from cell.simulation.rendering.stereo_noise import (
     StereoNoise,
     StillImage,
     device_warp,
+    drop_pixels,
     expose,
     still_image,
 )
@@ -205,12 +206,11 @@ class DepthCamera:
 
     def still_view(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> StillView:
         """Return what all exposures from this pose share."""
-        depth, _ = self.render(T_base_camera)
+        depth, string = self.render(T_base_camera)
         if self.model.noise is None:
             return StillView(depth, None)
-        return StillView(
-            depth, still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp)
-        )
+        still = still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp)
+        return StillView(depth, drop_pixels(still, string >= 0, self.model.noise, rng))
 
     def expose(self, still_view: StillView, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
         """Return one exposure (H, W), in depth units; 0 = not measured.

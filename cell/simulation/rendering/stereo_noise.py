@@ -4,11 +4,11 @@ Modelled: an error that grows with the square of the distance, a bias of the ses
 (pixel locking), an error that is constant over frames and shared by neighbouring pixels, rounding of disparities,
 holes, frayed edges, flying pixels between a string and the table, and the area that the other camera does not see.
 Presets with measured errors also have the warp of one device, holes and flicker near edges, and wrong patches as on
-weak texture. Not modelled: the effect of the matching window on thin objects, repeating texture, gloss, and
+weak texture. Dark or glossy strings can lose a share of their pixels. Not modelled: the effect of the matching window on thin objects, repeating texture, gloss, and
 interference of projected dots.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ MEDIAN_OF_FIVE = 0.5355
 
 MIN_DISPARITY_PX = 0.5
 """Smallest measurable disparity."""
+
+MAX_SHARE = 0.45
+"""Largest share of bad pixels of one kind in a scaled model."""
 
 WARP_ORDER = 3
 """Number of half periods of a device's warp across the image."""
@@ -64,6 +67,23 @@ class StereoNoise:
     """Largest disparity error of a patch."""
     patch_radius_px: float = 12.0
     """Radius of a patch in the depth image."""
+    string_dropout_share: float = 0.0
+    """Share of the pixels on strings that are not measured, as on dark or glossy strings."""
+    string_dropout_blobs: bool = False
+    """Whether these pixels form blobs of about three pixels. Otherwise, they are independent."""
+
+    def scaled(self, factor: float) -> "StereoNoise":
+        """Return the model with the errors of the disparity, the shares of bad pixels and the patches times `factor`.
+
+        A share is at most `MAX_SHARE`. The size and the height of a patch stay.
+        """
+        errors = ("wave_px", "fixed_px", "frame_px", "warp_px", "patches")
+        shares = ("hole_share", "edge_hole_share", "flicker_share", "flying_share")
+        return replace(
+            self,
+            **{name: factor * getattr(self, name) for name in errors},
+            **{name: min(factor * getattr(self, name), MAX_SHARE) for name in shares},
+        )
 
     @property
     def focal_baseline_px_m(self) -> float:
@@ -141,6 +161,23 @@ def still_image(
         good &= ~(ring & lost)
         flickering = ring & ~lost & (quality <= _quantile(noise.edge_hole_share + noise.flicker_share))
     return StillImage(disparity, good, flickering)
+
+
+def drop_pixels(
+    still: StillImage, is_string: NDArray[np.bool_], noise: StereoNoise, rng: np.random.Generator
+) -> StillImage:
+    """Return the image without a share of the pixels on strings. A preset without dropouts draws nothing.
+
+    Args:
+        still: What all exposures from the pose share.
+        is_string: Pixels (H, W) on a string.
+        noise: Error model.
+        rng: Generator of the errors of this pose.
+    """
+    if noise.string_dropout_share == 0:
+        return still
+    draw = _correlated(rng, is_string.shape) if noise.string_dropout_blobs else rng.standard_normal(is_string.shape)
+    return replace(still, good=still.good & ~(is_string & (draw < _quantile(noise.string_dropout_share))))
 
 
 def expose(
