@@ -32,6 +32,8 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "mixed": (2.4,),
     "ends": (1.6,),
     "branches": (1.7,),
+    "speckle": (1.1, 1.6),
+    "noise": (1.5, 2.0),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -51,6 +53,8 @@ GRASP_COSTS: Mapping[str, float] = {
     "mixed": 20.0,
     "ends": 20.0,
     "branches": 20.0,
+    "speckle": 18.0,
+    "noise": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

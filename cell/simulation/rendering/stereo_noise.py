@@ -4,8 +4,8 @@ Modelled: an error that grows with the square of the distance, a bias of the ses
 (pixel locking), an error that is constant over frames and shared by neighbouring pixels, rounding of disparities,
 holes, frayed edges, flying pixels between a string and the table, and the area that the other camera does not see.
 Presets with measured errors also have the warp of one device, holes and flicker near edges, and wrong patches as on
-weak texture. Dark or glossy strings can lose a share of their pixels. Not modelled: the effect of the matching window on thin objects, repeating texture, gloss, and
-interference of projected dots.
+weak texture. Strings can lose a share of their pixels. Not modelled: the effect of the matching window on thin objects,
+repeating texture, gloss, and interference of projected dots.
 """
 
 from dataclasses import dataclass, replace

@@ -73,6 +73,31 @@ def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Ca
         assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
+def test_speckled_cases_lose_some_of_the_pixels(cases: dict[str, list[Case]]) -> None:
+    for case in cases["speckle"]:
+        noise = case.camera.noise
+        assert noise is not None
+        assert 0.3 <= noise.string_dropout_share <= 0.6
+        assert noise.string_dropout_blobs == (case.seed == 2)
+        clean = replace(case, camera=camera_model("oak-d-pro"))
+        for speckled, whole in zip(simulate(case).views, simulate(clean).views, strict=True):
+            lost = (speckled.depth == 0) & (whole.depth > 0)
+            assert 500 < lost.sum() < 0.05 * lost.size
+
+
+def test_noisy_cases_have_a_multiple_of_the_errors_of_real_cameras(cases: dict[str, list[Case]]) -> None:
+    measured = camera_model("oak-d-pro-measured").noise
+    assert measured is not None
+    for case in cases["noise"]:
+        noise = case.camera.noise
+        assert noise is not None
+        factor = noise.fixed_px / measured.fixed_px
+        assert 1 <= factor <= 4
+        assert (noise.warp_px, noise.patches) == pytest.approx((factor * measured.warp_px, factor * measured.patches))
+        assert (noise.patch_px, noise.bias_px) == (measured.patch_px, measured.bias_px)
+        assert noise.edge_hole_share + noise.flicker_share < 1
+
+
 @pytest.mark.parametrize("tier", [tier for tier in TIERS if tier != "branches"])
 def test_strings_do_not_overlap(cases: dict[str, list[Case]], tier: str) -> None:
     pressed = 0.4 if tier == "soft" else 0.0

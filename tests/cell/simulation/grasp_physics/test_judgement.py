@@ -80,7 +80,7 @@ def test_nearly_all_grasps_hold_the_right_string(tier: str) -> None:
         try:
             scene, model = recognised(tier, seed)
         except RecognitionError:
-            assert tier == "measured"
+            assert tier in ("measured", "noise")
             continue
         judged = judge_grasps(scene, model.chains, model.grasps, Gripper(), errors=robot_errors(), with_errors=range(1))
         good = [grasp.good for grasp in judged]

@@ -10,7 +10,14 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.simulation.rendering.depth_camera import CAMERAS
-from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE, StereoNoise, device_warp, expose, still_image
+from cell.simulation.rendering.stereo_noise import (
+    MEDIAN_OF_FIVE,
+    StereoNoise,
+    device_warp,
+    drop_pixels,
+    expose,
+    still_image,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -190,3 +197,35 @@ def test_the_former_presets_have_none_of_these_errors() -> None:
         assert noise is not None
         assert (noise.warp_px, noise.edge_hole_share, noise.flicker_share, noise.patches) == (0, 0, 0, 0)
     assert still_image(WALL, 800.0, StereoNoise(800.0, 0.05), 0.0, np.random.default_rng(0)).flickering is None
+
+
+@pytest.mark.parametrize("blobs", [False, True])
+def test_only_strings_lose_a_share_of_their_pixels(blobs: bool) -> None:
+    noise = StereoNoise(800.0, 0.075, string_dropout_share=0.4, string_dropout_blobs=blobs)
+    still = still_image(WALL, 400.0, noise, 0.0, np.random.default_rng(1))
+    is_string = np.zeros(WALL.shape, dtype=bool)
+    is_string[:, : WALL.shape[1] // 2] = True
+    dropped = drop_pixels(still, is_string, noise, np.random.default_rng(2))
+    lost = still.good & ~dropped.good
+    assert not lost[~is_string].any()
+    assert lost.sum() / (still.good & is_string).sum() == pytest.approx(0.4, abs=0.03)
+    side_by_side = np.corrcoef(dropped.good[:, 100:130].ravel(), dropped.good[:, 101:131].ravel())[0, 1]
+    assert side_by_side > 0.4 if blobs else abs(side_by_side) < 0.1
+
+
+def test_a_model_without_dropouts_draws_nothing_for_them() -> None:
+    noise = StereoNoise(800.0, 0.075)
+    still = still_image(WALL, 400.0, noise, 0.0, np.random.default_rng(1))
+    rng = np.random.default_rng(2)
+    assert drop_pixels(still, np.ones(WALL.shape, dtype=bool), noise, rng) is still
+    assert rng.random() == np.random.default_rng(2).random()
+
+
+def test_a_scaled_model_has_a_multiple_of_each_error() -> None:
+    noise = CAMERAS["oak-d-pro-measured"].noise
+    assert noise is not None
+    assert noise.scaled(1.0) == noise
+    scaled = noise.scaled(4.0)
+    assert (scaled.fixed_px, scaled.warp_px) == (4 * noise.fixed_px, 4 * noise.warp_px)
+    assert (scaled.flicker_share, scaled.hole_share) == (0.45, 4 * noise.hole_share)
+    assert (scaled.patch_px, scaled.baseline_m) == (noise.patch_px, noise.baseline_m)
