@@ -34,6 +34,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "branches": (1.7,),
     "speckle": (1.1, 1.6),
     "noise": (1.5, 2.0),
+    "lifted": (1.5, 2.1),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -55,6 +56,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "branches": 20.0,
     "speckle": 18.0,
     "noise": 18.0,
+    "lifted": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

@@ -12,6 +12,7 @@ from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.cases.thin_tier import draw_thin
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
+from cell.simulation.cases.table_tiers import draw_lifted
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -36,6 +37,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "branches": (11, draw_branches),
     "speckle": (15, draw_noisy),
     "noise": (20, draw_noisy),
+    "lifted": (13, draw_lifted),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -78,6 +80,8 @@ def make_case(tier: str, seed: int) -> Case:
       small blobs.
     - `noise`: scenes of `paper` and `long` in turn, with 1 to 4 times the errors of real cameras. Recognition must
       refuse the noisiest ones.
+    - `lifted`: scenes of `paper` and `long` in turn, on a table 2 to 10 mm lower or higher than stated, tilted by 0.3
+      to 2 degrees, or both.
 
     Args:
         tier: One of `TIERS`.

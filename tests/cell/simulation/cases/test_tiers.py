@@ -73,6 +73,23 @@ def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Ca
         assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
+def test_lifted_cases_have_a_table_that_the_recording_does_not_state() -> None:
+    cases = [make_case("lifted", seed) for seed in range(40)]
+    assert [measure(case)[1] for case in cases[:2]] == pytest.approx([0.4, 0.7], abs=2e-4)
+    offset_m = np.array([case.T_base_table[2, 3] for case in cases])
+    tilt_rad = np.array([np.arccos(min(case.T_base_table[2, 2], 1.0)) for case in cases])
+    has_offset, has_tilt = offset_m != 0, tilt_rad > 1e-6
+    assert (has_offset | has_tilt).all()
+    assert {(False, True), (True, False), (True, True)} == set(zip(has_offset.tolist(), has_tilt.tolist(), strict=True))
+    assert (0.002 <= np.abs(offset_m[has_offset])).all()
+    assert (np.abs(offset_m) <= 0.01).all()
+    assert (offset_m < 0).any()
+    assert (offset_m > 0).any()
+    assert (np.deg2rad(0.3) <= tilt_rad[has_tilt]).all()
+    assert (tilt_rad <= np.deg2rad(2.0) + 1e-9).all()
+    assert np.ptp([np.arctan2(case.T_base_table[1, 2], case.T_base_table[0, 2]) for case in cases]) > np.pi
+
+
 def test_speckled_cases_lose_some_of_the_pixels(cases: dict[str, list[Case]]) -> None:
     for case in cases["speckle"]:
         noise = case.camera.noise
