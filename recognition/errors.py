@@ -49,6 +49,12 @@ class NoDepthError(RecognitionError):
     slug = "no-depth"
 
 
+class TableElsewhereError(RecognitionError):
+    """The views show the table too far from where it is given, in height or tilt."""
+
+    slug = "table-elsewhere"
+
+
 class TooCrowdedError(RecognitionError):
     """Too much is above the table. The height of the table or the workspace is probably wrong."""
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,13 @@ from recognition.assembly.chains import assemble_fitted_chains
 from recognition.assembly.connections import connection_findings
 from recognition.assembly.crossings import find_crossings, find_fitted_crossings
 from recognition.assembly.sharp_bends import sharp_bend_findings
+from recognition.assembly.table_frame import (
+    add_table_error,
+    move_heights,
+    move_model,
+    move_registration,
+    table_findings,
+)
 from recognition.assembly.unexplained import (
     find_unexplained_surface,
     possible_object_findings,
@@ -55,7 +62,11 @@ def stages_of(method: Method) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """Model of a scene, and the result of each stage. The results of stages that did not run are None or empty."""
+    """Model of a scene, and the result of each stage. The results of stages that did not run are None or empty.
+
+    If the table is not where it is given, the stages work in the frame in which it is (see `IngestedViews`). The model,
+    the registration and the height map are in the base frame in any case.
+    """
 
     model: PointChainModel
     """The point chain model."""
@@ -167,6 +178,7 @@ def recognise(
         InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
         ContradictingViewsError: No majority of the views shows the same scene.
         NoDepthError: No view measured anything in the workspace.
+        TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
         TooCrowdedError: The points above the table are too many for a scene of strings.
         RadiusUnknownError: `parameters` is None, and the radius could not be measured.
 
@@ -204,7 +216,9 @@ def recognise(
         return _without_string(ingested, method, parameters, scene, timer, measured)
 
     timer.begin("registration")
-    registration = register(ingested.clouds, parameters, ingested.correspondences)
+    registration = add_table_error(
+        register(ingested.clouds, parameters, ingested.correspondences), ingested.moved_table
+    )
     support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
 
     timer.begin("centre_line")
@@ -262,6 +276,7 @@ def recognise(
         *unobserved_end_findings(chains, scene, parameters),
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
+        *table_findings(ingested.moved_table, chains),
         *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )
@@ -284,19 +299,21 @@ def recognise(
         timing_s=timer.timing_s,
         grasps=grasping.grasps,
     )
-    return Recognition(
-        model=model,
-        ingested=ingested,
-        registration=registration,
-        centre_line=centre_line,
-        thinned=linked.thinned,
-        enhanced=linked.enhanced,
-        segments=linked.segments,
-        reconstruction=reconstruction,
-        graph=graph,
-        refinement=refinement,
-        height_map=support.heights,
-        grasping=grasping,
+    return _in_base_frame(
+        Recognition(
+            model=model,
+            ingested=ingested,
+            registration=registration,
+            centre_line=centre_line,
+            thinned=linked.thinned,
+            enhanced=linked.enhanced,
+            segments=linked.segments,
+            reconstruction=reconstruction,
+            graph=graph,
+            refinement=refinement,
+            height_map=support.heights,
+            grasping=grasping,
+        )
     )
 
 
@@ -305,6 +322,24 @@ def _check_request(method: str, settings: Mapping[str, float]) -> None:
     if method not in METHODS:
         raise InvalidParametersError(f"there is no method {method!r}; it must be one of {', '.join(METHODS)}")
     check_settings(settings, method)
+
+
+def _in_base_frame(recognition: Recognition) -> Recognition:
+    """Return the recognition with its model, registration and height map in the base frame."""
+    table, registration, heights = (
+        recognition.ingested.moved_table,
+        recognition.registration,
+        recognition.height_map,
+    )
+    if table is None:
+        return recognition
+    T = table.T_base_table
+    return replace(
+        recognition,
+        model=move_model(recognition.model, T),
+        registration=None if registration is None else move_registration(registration, T),
+        height_map=None if heights is None else move_heights(heights, T),
+    )
 
 
 def _without_string(
@@ -320,9 +355,11 @@ def _without_string(
     findings = (
         *(() if measured else other_radius_findings(ingested.views, scene, parameters, (), ())),
         finding("no-string-in-view", ingested.no_string_reason),
+        *table_findings(ingested.moved_table, ()),
         *view_findings(ingested.excluded, [target.view for target in ingested.targets], ()),
         *coverage_findings(ingested.targets, (), scene),
     )
     timer.end()
     quality = Quality(ingested.excluded, most_serious_first(findings))
-    return Recognition(PointChainModel(method, parameters, quality=quality, timing_s=timer.timing_s), ingested)
+    model = PointChainModel(method, parameters, quality=quality, timing_s=timer.timing_s)
+    return _in_base_frame(Recognition(model, ingested))

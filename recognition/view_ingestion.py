@@ -1,25 +1,39 @@
 """Process each view when it arrives, while the arm moves to the next viewpoint."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibration.geometry.transforms import inverse
 from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
+from recognition.preprocessing.table_measurement import ViewPlane, measure_table
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import MIN_VIEWS, exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
+from recognition.registration.measured_table import (
+    MeasuredTable,
+    MovedView,
+    find_moved_table,
+    is_near,
+    refuse_doubtful_table,
+)
 from recognition.registration.registration import Registration
 
 
 @dataclass(frozen=True, eq=False)
 class IngestedViews:
-    """Preprocessed views, ready for registration."""
+    """Preprocessed views, ready for registration.
+
+    If the table is not where it is given, all but `views` and `planes` are in the frame in which it is: the base frame,
+    moved by `T_base_table`.
+    """
 
     parameters: ChainParameters
     """Parameters with which the views were preprocessed."""
@@ -41,12 +55,82 @@ class IngestedViews:
     """Excluded views, each with the reason."""
     no_string_reason: str | None
     """Why the scene has no string; None if a string is visible."""
+    planes: Sequence[ViewPlane | None] = ()
+    """Plane of the table that each view shows at its given pose, base frame."""
+    T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    """(4, 4) motion that moves the given table to where the views were assumed to show it, metres."""
+    moved_table: MeasuredTable | None = None
+    """Where all views show the table, if it is not where it is given, else None."""
+
+
+@dataclass(eq=False)
+class _Ingestion:
+    """Views that have arrived, preprocessed with the table at one place."""
+
+    parameters: ChainParameters
+    scene: Scene
+    T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    views: list[DepthView] = field(default_factory=list)
+    planes: list[ViewPlane | None] = field(default_factory=list)
+    targets: list[TargetCloud] = field(default_factory=list)
+    layers: list[HeightLayer] = field(default_factory=list)
+    clouds: list[NormalCloud] = field(default_factory=list)
+    correspondences: list[Correspondences] = field(default_factory=list)
+    crowded: dict[int, TooCrowdedError] = field(default_factory=dict)
+
+    @classmethod
+    def continue_from(cls, earlier: IngestedViews) -> "_Ingestion":
+        """Return the state after the views of an earlier ingestion."""
+        return cls(
+            parameters=earlier.parameters,
+            scene=earlier.scene,
+            T_base_table=earlier.T_base_table,
+            views=[*earlier.views],
+            planes=[*earlier.planes],
+            targets=[*earlier.targets],
+            layers=[*earlier.layers],
+            clouds=[*earlier.clouds],
+            correspondences=[*earlier.correspondences],
+            crowded={**earlier.crowded},
+        )
+
+    def add(self, view: DepthView, plane: ViewPlane | None) -> None:
+        """Preprocess a view with the table at `T_base_table`."""
+        self.views.append(view)
+        self.planes.append(plane)
+        if not np.array_equal(self.T_base_table, np.eye(4)):
+            view = MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
+        self.targets.append(target := preprocess(view, self.parameters, self.scene))
+        self.layers.append(height_layer(view, target, self.scene))
+        if exclusion_reason(target) is not None:
+            return
+        try:
+            cloud = estimate_normals(target, self.parameters)
+        except TooCrowdedError as error:
+            self.crowded[target.view] = error
+            return
+        self.clouds.append(cloud)
+        compared = [self.clouds[k] for k in compared_earlier_views(self.clouds)]
+        self.correspondences += find_correspondences(cloud, compared, self.parameters)
+
+    def at_measured_table(self) -> "_Ingestion":
+        """Return the ingestion of the same views with the table where they show it; itself, if it is there."""
+        table = find_moved_table(self.planes, self.scene.table_z_m)
+        T = np.eye(4) if table is None else table.T_base_table
+        if is_near(T, self.T_base_table, self.planes):
+            return self
+        moved = _Ingestion(self.parameters, self.scene, T)
+        for view, plane in zip(self.views, self.planes, strict=True):
+            moved.add(view, plane)
+        return moved
 
 
 def ingest_views(
     views: Iterable[DepthView], parameters: ChainParameters, scene: Scene, earlier: IngestedViews | None = None
 ) -> IngestedViews:
     """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
+
+    As soon as two views show the table where it is not given, all views are preprocessed with the table where it is.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
@@ -62,35 +146,23 @@ def ingest_views(
         DuplicateViewError: Two views have the same index.
         InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
         NoDepthError: No view measured anything in the workspace.
+        TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
         TooCrowdedError: Most views have too many points above the table for a scene of strings.
     """
-    arrived: list[DepthView] = []
-    targets: list[TargetCloud] = []
-    layers: list[HeightLayer] = []
-    clouds: list[NormalCloud] = []
-    correspondences: list[Correspondences] = []
-    crowded: dict[int, TooCrowdedError] = {}
     views = iter(views)
+    ingestion = _Ingestion(parameters, scene)
     if earlier is not None and (earlier.parameters, earlier.scene) == (parameters, scene):
-        arrived, targets, layers = [*islice(views, len(earlier.views))], [*earlier.targets], [*earlier.layers]
-        clouds, correspondences = [*earlier.clouds], [*earlier.correspondences]
-        crowded = {**earlier.crowded}
+        ingestion = _Ingestion.continue_from(earlier)
+        ingestion.views[:] = islice(views, len(ingestion.views))
     for view in views:
-        if view.index in {target.view for target in targets}:
+        if view.index in {target.view for target in ingestion.targets}:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
-        arrived.append(view)
-        targets.append(target := preprocess(view, parameters, scene))
-        layers.append(height_layer(view, target, scene))
-        if exclusion_reason(target) is not None:
-            continue
-        try:
-            cloud = estimate_normals(target, parameters)
-        except TooCrowdedError as error:
-            crowded[target.view] = error
-            continue
-        clouds.append(cloud)
-        compared = [clouds[k] for k in compared_earlier_views(clouds)]
-        correspondences += find_correspondences(cloud, compared, parameters)
+        ingestion.add(view, measure_table(view, scene))
+        ingestion = ingestion.at_measured_table()
+    table = find_moved_table(ingestion.planes, scene.table_z_m)
+    if table is not None:
+        refuse_doubtful_table(table, ingestion.planes)
+    targets, clouds, crowded = ingestion.targets, ingestion.clouds, ingestion.crowded
     selection = select_views(targets)
     no_string_reason, excluded = None, selection.excluded
     if selection.no_string_reason is not None:
@@ -107,26 +179,41 @@ def ingest_views(
     return IngestedViews(
         parameters=parameters,
         scene=scene,
-        views=arrived,
+        views=ingestion.views,
         targets=targets,
-        layers=layers,
+        layers=ingestion.layers,
         clouds=clouds,
-        correspondences=correspondences,
+        correspondences=ingestion.correspondences,
         crowded=crowded,
         excluded=excluded,
         no_string_reason=no_string_reason,
+        planes=ingestion.planes,
+        T_base_table=ingestion.T_base_table,
+        moved_table=table,
     )
+
+
+def at_measured_table(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthView]:
+    """Return the views with poses relative to the measured table, if it is not where it is given, else the views."""
+    planes = [measure_table(view, scene) for view in views]
+    table = find_moved_table(planes, scene.table_z_m)
+    if table is None:
+        return views
+    refuse_doubtful_table(table, planes)
+    return [MovedView(view, inverse(table.T_base_table) @ view.T_base_camera) for view in views]
 
 
 def merge_heights(ingested: IngestedViews, registration: Registration) -> HeightMap:
     """Return the height map of the used views, each moved in the table plane by its registration.
+
+    The map is in the frame of `ingested`.
 
     Args:
         ingested: Preprocessed views, with their height layers.
         registration: Registered views.
 
     Returns:
-        The height map, in the base frame.
+        The height map.
     """
     T_base_camera = {target.view: target.T_base_camera for target in ingested.targets}
     motions = {

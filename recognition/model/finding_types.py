@@ -39,6 +39,7 @@ FindingCode = Literal[
     "table-not-covered",
     "scene-changed",
     "calibration-drift",
+    "table-elsewhere",
     "pointchain-1",
     "end-at-border",
     "radius-smaller",
@@ -223,6 +224,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Calibrate again. Until then, all positions may be shifted.",
         decision="ask a person",
         value="distance from the calibrated pose, in sigmas of a good calibration",
+    ),
+    "table-elsewhere": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="All views show the table at another height or tilt than given. The model is relative to this plane.",
+        action="Correct the table height or level the table. If it is where it is given, calibrate again.",
+        decision="ask a person",
+        value="distance of the measured from the given table, in sigmas of the pose errors",
     ),
     "pointchain-1": FindingType(
         severity="doubt",

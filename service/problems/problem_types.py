@@ -288,6 +288,13 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         action="Remove other objects from the table and send `string_radius_m`. Raise the limit on a slow machine.",
         group="Check string and table",
     ),
+    "table-elsewhere": ProblemType(
+        title="The table is not where it is configured",
+        status=422,
+        cause="The views show the table more than 20 mm or 4 degrees from its given place, or show two planes there.",
+        action="Correct `mounting.table_z_m` or level the table. If the table is where it is given, calibrate.",
+        group="Check string and table",
+    ),
     "too-crowded": ProblemType(
         title="Too many points above the table",
         status=422,

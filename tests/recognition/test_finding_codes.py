@@ -202,6 +202,14 @@ def drifted() -> Sequence[Finding]:
     )
 
 
+def lower_table() -> Sequence[Finding]:
+    """The table is 6 mm lower than given."""
+    T_base_table = from_rotation_vector((0, 0, -0.006), (0, 0, 0))
+    scene = StringScene("codes", R, (line(*ALONG_X),))
+    camera = camera_model("ideal", (320, 200))
+    return findings_of(simulate(scene, camera, 1, errors=NO_ERRORS, views=6, T_base_table=T_base_table))
+
+
 # --- pieces and surface in no chain ---
 
 
@@ -276,6 +284,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "table-not-covered": lambda: findings_of(one_string(), half_m=0.6),
     "scene-changed": moved_before_the_last_view,
     "calibration-drift": drifted,
+    "table-elsewhere": lower_table,
     "end-at-border": lambda: findings_of(one_string(), half_m=0.0985),
     "radius-smaller": with_radius(0.005),
     "radius-larger": with_radius(0.0036),
@@ -336,6 +345,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "table-not-covered": has("value limit", "above"),
     "scene-changed": has("chains view"),
     "calibration-drift": has("chains value limit", "above"),
+    "table-elsewhere": has("chains value limit", "above"),
     "end-at-border": has("chains end part point"),
     "radius-smaller": has("chains value limit", "below"),
     "radius-larger": has("chains value limit", "above"),

@@ -6,17 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.devices import View
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition import view_ingestion
-from recognition.errors import DuplicateViewError, TooCrowdedError
+from recognition.errors import DuplicateViewError, TableElsewhereError, TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import Correspondences, compared_views
-from recognition.view_ingestion import ingest_views
+from recognition.view_ingestion import at_measured_table, ingest_views
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +102,62 @@ def test_one_crowded_view_is_excluded_and_most_are_an_error(
     assert "points above the table, more than 100000" in quality.reason
     with pytest.raises(TooCrowdedError):
         ingest_views([first, crowded(second), crowded(third)], table_1, scene)
+
+
+def on_table(height_m: float, tilt_deg: float = 0.0, views: int = 4) -> SimulatedScan:
+    """Return a scan of an arc on a table at a height, tilted about x."""
+    T = from_rotation_vector((0, 0, height_m), (np.deg2rad(tilt_deg), 0, 0))
+    return simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=views, T_base_table=T)
+
+
+@pytest.mark.parametrize(("height_m", "tilt_deg"), [(-0.006, 0.0), (0.006, 0.0), (0.0, 1.0)])
+def test_views_are_preprocessed_with_the_table_where_they_show_it(
+    scene: Scene, table_1: ChainParameters, height_m: float, tilt_deg: float
+) -> None:
+    lifted = on_table(height_m, tilt_deg)
+    ingested = ingest_views(lifted.views, table_1, scene)
+    table = ingested.moved_table
+    assert table is not None
+    assert table.height_m == pytest.approx(height_m, abs=0.002)
+    assert np.degrees(table.tilt_rad) == pytest.approx(tilt_deg, abs=0.2)
+    assert ingested.excluded == ()
+    T = inverse(table.T_base_table)
+    for target, view in zip(ingested.targets, lifted.views, strict=True):
+        # a string, and not the table
+        assert 50 < len(target.points) < 0.2 * target.n_in_workspace
+        assert target.points[:, 2].min() > table_1.z_t
+        # what is left to align is a pose error of this view
+        np.testing.assert_allclose(target.T_base_camera[:3, 3], (T @ view.T_base_camera)[:3, 3], atol=0.004)
+
+
+def test_a_table_where_it_is_given_changes_nothing(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+    ingested = ingest_views(scan.views, table_1, scene)
+    assert ingested.moved_table is None
+    np.testing.assert_array_equal(ingested.T_base_table, np.eye(4))
+    assert len(ingested.planes) == 3
+    assert at_measured_table(scan.views, scene) is scan.views
+
+
+def test_views_of_a_lower_table_may_arrive_later(scene: Scene, table_1: ChainParameters) -> None:
+    views = on_table(-0.006).views
+    first = ingest_views(views[:2], table_1, scene)
+    assert first.moved_table is not None
+    continued, at_once = ingest_views(views, table_1, scene, first), ingest_views(views, table_1, scene)
+    assert continued.moved_table is not None
+    assert at_once.moved_table is not None
+    np.testing.assert_array_equal(continued.moved_table.offset, at_once.moved_table.offset)
+    assert [cloud.view for cloud in continued.clouds] == [0, 1, 2, 3]
+    np.testing.assert_array_equal(continued.clouds[3].points, at_once.clouds[3].points)
+    assert continued.views == [*views]
+
+
+def test_a_table_beyond_the_limits_is_refused(scene: Scene, table_1: ChainParameters) -> None:
+    with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm lower than given and tilted by 0\."):
+        ingest_views(on_table(-0.03).views, table_1, scene)
+    with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm higher"):
+        at_measured_table(on_table(0.03).views, scene)
+
+
+def test_views_are_given_relative_to_the_measured_table(scene: Scene) -> None:
+    moved = at_measured_table(on_table(0.0, 1.0).views, scene)
+    assert at_measured_table(moved, scene) is moved

@@ -1,4 +1,4 @@
-"""Tiers of scenes that lie on the stated table, with strings of one given radius: from the paper's scene to fixtures."""
+"""Tiers of scenes that lie on the stated table, with strings of one radius: from the paper's scene to fixtures."""
 
 from dataclasses import replace
 

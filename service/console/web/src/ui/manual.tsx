@@ -57,6 +57,7 @@ export const FAULTS: Record<string, string> = {
   "calibration-refused": "calibration-missing-old-or-drifted",
   "viewpoints-unreachable": "viewpoints-out-of-reach",
   "radius-unknown": "string-not-found-or-not-recognised",
+  "table-elsewhere": "table-not-where-it-is-configured",
   "too-crowded": "string-not-found-or-not-recognised",
   "recognition-timeout": "string-not-found-or-not-recognised",
   "storage-full": "disk-full",
