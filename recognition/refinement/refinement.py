@@ -145,9 +145,7 @@ def refine(
         )
     split = split_at_visible_gaps(_replace_lines(strands, lines), radii, views) if max_merges else None
     if split is not None:
-        return refine(
-            split, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
-        )
+        return refine(split, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines)
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)

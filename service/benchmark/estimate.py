@@ -68,9 +68,6 @@ VIEWS_COSTS: Mapping[str, float] = {
     "photo": 0.6,
     "hard": 3.7,
     "fixtures": 0.8,
-    "mixed": 1.2,
-    "ends": 0.9,
-    "branches": 0.9,
 }
 """Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0
