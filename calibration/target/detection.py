@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.errors import BoardImageError, BoardMirroredError, BoardNotSeenError
 from calibration.target.board import MIN_CORNERS, Board
 from calibration.target.charuco import count_markers, find_charuco
-from calibration.target.grids import LargerDotMisplacedError, find_checkerboard, find_circles
+from calibration.target.grids import LargerDotMisplacedError, count_inner_corners, find_checkerboard, find_circles
 from calibration.target.planarity import find_planar_corners
 
 MIN_SPREAD_PITCHES = 0.25
@@ -59,6 +59,8 @@ def detect_board(image: NDArray[np.uint8], board: Board) -> DetectedBoard:
     ids, pixels, is_unique = _find_corners(grey, board)
     if board.kind == "charuco" and len(ids) < MIN_CORNERS:
         _raise_if_mirrored(grey, board)
+    if len(ids) == 0 and board.kind == "checkerboard":
+        _raise_if_other_count(grey, board)
     if len(ids) == 0:
         raise BoardNotSeenError(
             f"{_describe_no_corners(grey, board)}{_describe_exposure(grey)}: {ADVICE}, and check that it is {board}"
@@ -119,6 +121,19 @@ def _raise_if_mirrored(grey: NDArray[np.uint8], board: Board) -> None:
             f"the board is detected only in the mirrored image, with {len(ids)} corners: switch off the camera's "
             "flip or mirror setting, or remove the mirror between camera and board"
         )
+
+
+def _raise_if_other_count(grey: NDArray[np.uint8], board: Board) -> None:
+    """Raise BoardNotSeenError if the image shows a checkerboard with one square more or less along a side."""
+    counted = count_inner_corners(grey, board)
+    if counted is None:
+        return
+    columns, rows = (count + 1 for count in counted)
+    raise BoardNotSeenError(
+        f"a checkerboard with {counted[0]} x {counted[1]} inner corners ({columns} x {rows} squares) is visible, and "
+        f"{board.shape[0]} x {board.shape[1]} inner corners ({board.columns} x {board.rows} squares) were given: give "
+        f"the number of squares, columns {columns} and rows {rows}"
+    )
 
 
 def _describe_no_corners(grey: NDArray[np.uint8], board: Board) -> str:

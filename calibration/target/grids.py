@@ -15,6 +15,11 @@ from calibration.target.corner_refinement import refine_corners
 GridCorners = tuple[NDArray[np.int64], NDArray[np.float64], bool]
 """Numbers (N,) and pixels (N, 2) of the detected points, and whether the image determines the first point."""
 
+MIN_CONTRAST_SHARE = 0.4
+"""Minimum ratio of the contrast between black and white in a row of squares to the median contrast of all rows and
+columns."""
+MIN_INNER_CORNERS = 3
+"""Minimum number of inner corners along a side that OpenCV can detect."""
 THRESHOLDS = (10, 230, 10)
 """Grey-level thresholds of the blob detector: first, last, step. Many thresholds make the detection robust to shadow or
 glare on part of the board."""
@@ -62,6 +67,34 @@ def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     return *refine_corners(grey, board, board.points[:, :2], ordered.reshape(-1, 2)), is_unique
 
 
+def count_inner_corners(grey: NDArray[np.uint8], board: Board) -> tuple[int, int] | None:
+    """Return the numbers of inner corners of a checkerboard whose size is nearly that of `board`.
+
+    The numbers of inner corners along both sides may differ from those of `board` by one. A board that was described
+    by its inner corners instead of its squares is therefore counted.
+
+    Args:
+        grey: (H, W) grey image.
+        board: The board that was not detected, of the kind `checkerboard`.
+
+    Returns:
+        Inner corners along the columns and the rows of `board`, or None if no such board is visible.
+    """
+    import cv2
+
+    columns, rows = board.shape
+    # The larger sizes first, because a smaller size can be found within a larger board.
+    for more_columns, more_rows in sorted(np.ndindex(3, 3), key=sum, reverse=True):
+        shape = (columns + more_columns - 1, rows + more_rows - 1)
+        if shape == board.shape or min(shape) < MIN_INNER_CORNERS:
+            continue
+        found, corners = cv2.findChessboardCornersSB(grey, shape, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+        # The border of the board can be taken for a further row of corners.
+        if found and _has_contrast_everywhere(np.asarray(corners, dtype=np.float64).reshape(*shape[::-1], 2), grey):
+            return shape
+    return None
+
+
 def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     """Detect the dots of a circle grid. The dots are dark on a light background.
 
@@ -94,6 +127,24 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     first = round(float(ratios[0, 0]), 2) if is_unique else common
     corners = refine_corners(grey, board, board.points[:, :2], approximate, dot_diameters=(common, first))
     return *corners, is_unique
+
+
+def _has_contrast_everywhere(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -> bool:
+    """Return whether black and white alternate in all rows and columns of squares, also in those at the border.
+
+    `grid` (rows, columns, 2) are the pixels of the inner corners.
+    """
+    for axis in (0, 1):  # Extrapolate to the border of the board.
+        lines = np.moveaxis(grid, axis, 0)
+        first, last = 2 * lines[0] - lines[1], 2 * lines[-1] - lines[-2]
+        grid = np.moveaxis(np.concatenate([first[None], lines, last[None]]), 0, axis)
+    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    column, row = np.clip(np.round(centres), 0, np.array(grey.shape[::-1]) - 1).astype(np.int64).transpose(2, 0, 1)
+    values = grey[row, column].astype(np.float64)
+    is_first = np.add.outer(np.arange(values.shape[0]), np.arange(values.shape[1])) % 2 == 0
+    lines = zip([*values, *values.T], [*is_first, *is_first.T], strict=True)
+    contrasts = np.abs([line[first].mean() - line[~first].mean() for line, first in lines])
+    return bool(contrasts.min() > MIN_CONTRAST_SHARE * np.median(contrasts))
 
 
 def _no_corners() -> GridCorners:

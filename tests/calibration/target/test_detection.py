@@ -218,3 +218,24 @@ def test_colour_images_and_array_views_are_accepted():
     for form in (colour, image[:, :, None], wide[:, ::2]):
         sighting = detect_board(form, CHARUCO)
         assert np.linalg.norm(sighting.pixels - truth[sighting.ids], axis=1).max() <= 0.15
+
+
+@pytest.mark.parametrize("counts", [(8, 7), (8, 8), (10, 9), (9, 7), (9, 9), (7, 8)], ids=str)
+@pytest.mark.parametrize("K", [K_640, K_1280], ids=["640x400", "1280x800"])
+def test_a_checkerboard_with_other_counts_is_described(counts: tuple[int, int], K: NDArray[np.float64]):
+    visible = Board(kind="checkerboard", columns=9, rows=8, pitch_m=0.02)
+    T = board_before_camera(visible, 0.4, 25.0, 70.0, 40.0)
+    image = render(visible, T, K, np.random.default_rng(7))
+    with pytest.raises(BoardNotSeenError) as raised:
+        detect_board(image, Board(kind="checkerboard", columns=counts[0], rows=counts[1], pitch_m=0.02))
+    message = str(raised.value)
+    # A square board in `counts` does not determine which side of the visible board is meant as columns.
+    visible_counts = ("8 x 7 inner corners (9 x 8 squares)", "7 x 8 inner corners (8 x 9 squares)")
+    assert any(f"a checkerboard with {visible_count} is visible" in message for visible_count in visible_counts)
+    assert f"({counts[0]} x {counts[1]} squares) were given" in message
+
+
+def test_an_image_without_a_checkerboard_names_no_other_counts():
+    image = np.random.default_rng(0).integers(0, 255, (400, 640), dtype=np.uint8)
+    with pytest.raises(BoardNotSeenError, match="the board is not detected"):
+        detect_board(image, Board(kind="checkerboard", columns=9, rows=8, pitch_m=0.02))
