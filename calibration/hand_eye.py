@@ -21,7 +21,8 @@ from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.initialisation import estimate_initial_guess
 from calibration.solver.noise import NoisePriors
 from calibration.solver.outlier_rejection import reject_outliers
-from calibration.solver.problem import Problem, Unknowns
+from calibration.solver.problem import N_SHARED, Problem, Unknowns
+from calibration.solver.systematic_errors import model_systematic_errors
 
 MIN_BOARD_POSES = 3
 """Minimum number of views with a board pose. Fewer views do not determine X. The acceptance limits are stricter."""
@@ -82,6 +83,7 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
     start, used = _initialise(problem, board_poses, tuple(view.name for view in distinct.views))
     adjusted = adjust(problem, start, used, board_poses.inliers, problem.priors.noise)
     solution = reject_outliers(problem, board_poses, start, adjusted)
+    problem, solution = model_systematic_errors(problem, board_poses, solution)
     evidence = collect_evidence(distinct, problem, board_poses, solution.adjusted, solution.cross_validation)
     reports = report_views(evidence.names, problem, board_poses, solution.adjusted, solution.cross_validation)
     return HandEyeResult(
@@ -99,7 +101,7 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
         repeatability_95_m=reported_repeatability(evidence),
         views=add_duplicate_reports(reports, observations, representatives),
         findings=acceptance_findings(evidence),
-        joint_covariance=solution.adjusted.shared_covariance,
+        joint_covariance=solution.adjusted.shared_covariance[:N_SHARED, :N_SHARED],
     )
 
 

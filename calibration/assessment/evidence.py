@@ -40,9 +40,9 @@ class Evidence:
     """(6, 6) covariance of the error of X, as `HandEyeResult.covariance`, but without the uncertainty of an unverified
     board size."""
     robot_sigma_m: float
-    """Estimated standard deviation of the robot position error per axis, metres."""
+    """Estimated root mean square of the robot position error per axis in the used views, metres."""
     robot_sigma_rad: float
-    """Estimated standard deviation of the robot rotation error per axis, radians."""
+    """Estimated root mean square of the robot rotation error per axis in the used views, radians."""
     loo_error_m: float
     """Root mean square of the leave-one-out errors of the used views, metres."""
     lever_m: NDArray[np.float64]
@@ -82,6 +82,7 @@ def collect_evidence(
         cross_validation: Leave-one-out cross-validation of the solution.
     """
     unknowns, used = adjusted.unknowns, adjusted.used
+    smooth_errors = (problem.smooth_modes @ unknowns.smooth_weights)[used]
     distances = distances_m(problem, board_poses)
     radial = estimate_residual_distortion(problem, adjusted)
     distance_m = float(distances[used].mean())
@@ -95,8 +96,8 @@ def collect_evidence(
         X=unknowns.X,
         Y=unknowns.Y,
         covariance=adjusted.shared_covariance[:6, :6],
-        robot_sigma_m=adjusted.noise.robot_m,
-        robot_sigma_rad=adjusted.noise.robot_rad,
+        robot_sigma_m=float(np.hypot(adjusted.noise.robot_m, _rms(smooth_errors[:, 3:]))),
+        robot_sigma_rad=float(np.hypot(adjusted.noise.robot_rad, _rms(smooth_errors[:, :3]))),
         loo_error_m=_rms(cross_validation.loo_error_m[used]),
         lever_m=_lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, distance_m),
         pixel_sigma_px=adjusted.noise.pixel_px,

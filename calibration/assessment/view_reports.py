@@ -35,7 +35,7 @@ def report_views(
     used = adjusted.used
     squares = adjusted.normal_equations.squares_px2
     counts = problem.corners.seen.sum(axis=1)
-    errors = np.where(used[:, None], adjusted.unknowns.robot_errors, cross_validation.robot_errors)
+    errors = np.where(used[:, None], adjusted.unknowns.all_robot_errors(problem), cross_validation.robot_errors)
     distances = distances_m(problem, board_poses)
     reports = []
     for k, name in enumerate(names):

@@ -2,7 +2,8 @@
 
 `estimate_initial_guess` finds a rough solution. `adjust` refines the solution by bundle adjustment and estimates the
 noise levels. `cross_validate` computes the leave-one-out errors, by which `reject_outliers` excludes inconsistent
-views. `estimate_residual_distortion` estimates the remaining lens distortion.
+views. `model_systematic_errors` adjusts the remaining views again, with smooth robot errors and correlated corner
+errors. `estimate_residual_distortion` estimates the remaining lens distortion.
 """
 
 from calibration.solver.bundle_adjustment import Adjustment, adjust
@@ -12,6 +13,7 @@ from calibration.solver.noise import NoiseLevel, NoisePriors
 from calibration.solver.outlier_rejection import ConsistentSolution, reject_outliers
 from calibration.solver.problem import Problem, Unknowns
 from calibration.solver.residual_distortion import ResidualDistortion, estimate_residual_distortion
+from calibration.solver.systematic_errors import model_systematic_errors
 
 __all__ = [
     "Adjustment",
@@ -27,5 +29,6 @@ __all__ = [
     "cross_validate",
     "estimate_initial_guess",
     "estimate_residual_distortion",
+    "model_systematic_errors",
     "reject_outliers",
 ]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import solve_stack
 from calibration.solver.noise import NoiseLevel
 from calibration.solver.problem import (
+    N_SHARED,
     NormalEquations,
     Problem,
     Unknowns,
@@ -20,10 +21,13 @@ from calibration.solver.problem import (
 )
 from calibration.solver.variance_components import estimate_noise
 
-MAX_STEPS = 40
-"""Maximum number of damped Gauss-Newton steps, accepted or rejected."""
+MAX_STEPS = 200
+"""Maximum number of damped Gauss-Newton steps, accepted or rejected. The levels of smooth errors settle slowly."""
 MAX_DAMPING = 1e6
 """Damping limit. The adjustment stops if a step with this damping still increases the cost."""
+COST_TOLERANCE = 1e-2
+"""Increase of the cost, a chi-square, that an accepted step may cause. With a lens weight below 1, the right-hand side
+is the gradient of the cost to first order only."""
 STEP_TOLERANCE = 1e-3
 """Convergence limit of the step length, in standard deviations of the unknowns. The limit of the relative change of
 the noise levels is ten times larger."""
@@ -48,7 +52,7 @@ class Adjustment:
 
     @property
     def shared_covariance(self) -> NDArray[np.float64]:
-        """(N_SHARED, N_SHARED) covariance of the shared unknowns, in the order given at `N_SHARED`."""
+        """(N_SHARED + S, N_SHARED + S) covariance: unknowns in the order given at `N_SHARED`, then smooth weights."""
         return self.normal_equations.shared_covariance(self.used)
 
     @property
@@ -59,7 +63,7 @@ class Adjustment:
     @property
     def board_scale_sigma(self) -> float:
         """Standard deviation of `board_scale`."""
-        return float(np.sqrt(self.shared_covariance[-1, -1]))
+        return float(np.sqrt(self.shared_covariance[N_SHARED - 1, N_SHARED - 1]))
 
 
 def adjust(
@@ -86,7 +90,7 @@ def adjust(
         trial = unknowns.add_step(shared, np.where(used[:, None], equations.robot_error_steps(shared), 0.0))
         corners = linearise_corners(problem, trial, inliers)
         trial_equations = build_normal_equations(problem, corners, used, noise)
-        if not trial_equations.cost <= equations.cost * (1 + 1e-9) + 1e-9:  # The cost increased or is NaN.
+        if not trial_equations.cost <= equations.cost + COST_TOLERANCE:  # The cost increased or is NaN.
             damping *= 30
             if damping > MAX_DAMPING:
                 return Adjustment(unknowns, noise, used, inliers, equations, converged=False)

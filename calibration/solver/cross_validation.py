@@ -14,7 +14,7 @@ from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import PLACEHOLDER_POSE, BoardPoses, refine_poses
 from calibration.pose_estimation.projection import pixel_normal_equations
 from calibration.solver.bundle_adjustment import Adjustment
-from calibration.solver.problem import Problem, board_motion_jacobian, implied_robot_errors
+from calibration.solver.problem import N_SHARED, Problem, board_motion_jacobian, implied_robot_errors
 from calibration.solver.variance_components import robot_error_squares
 
 
@@ -53,19 +53,23 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
     blocks = pixel_normal_equations(T, unknowns.corrections, problem.corners, inliers)
     H_board = blocks.H[:, :6, :6] + 1e-6 * np.eye(6)
     J_corrections = -np.linalg.solve(H_board, blocks.H[:, :6, 6:])
-    T_camera_board = pose_from_twist(np.matvec(J_corrections, step[:, 12:])) @ T
+    T_camera_board = pose_from_twist(np.matvec(J_corrections, step[:, 12:N_SHARED])) @ T
     robot_errors = twist_from_pose(implied_robot_errors(mounting, problem.T_base_flange, X, Y, T_camera_board))
 
     # Expected covariance of the errors: robot noise, corner noise of the view, and uncertainty of the prediction.
     J_board = invert_stack(board_motion_jacobian(mounting, unknowns.X, unknowns.Y, T))
     eye = np.broadcast_to(np.eye(6), (len(T), 6, 6))
-    J_shared = J_board @ np.concatenate([eye, -adjoint(T), J_corrections], axis=2)
+    J_shared = np.concatenate(
+        [J_board @ np.concatenate([eye, -adjoint(T), J_corrections], axis=2), -problem.smooth_modes], axis=2
+    )
     expected = (
         np.repeat(_leave_one_out_robot_sigmas(problem, adjusted) ** 2, 3, axis=1)[..., None] * np.eye(6)
         + adjusted.noise.pixel_px**2 * J_board @ invert_stack(H_board) @ J_board.swapaxes(1, 2)
         + J_shared @ covariance @ J_shared.swapaxes(1, 2)
     )
-    squares = (robot_errors[:, None] @ np.linalg.solve(expected, robot_errors[..., None]))[:, 0, 0]
+    smooth_errors = np.vecdot(problem.smooth_modes, (unknowns.smooth_weights + step[:, N_SHARED:])[:, None])
+    differences = robot_errors - smooth_errors
+    squares = (differences[:, None] @ np.linalg.solve(expected, differences[..., None]))[:, 0, 0]
     middle = np.append(adjusted.board_scale * problem.corners.middle, 1.0)
     difference = _board_difference(mounting, problem.T_base_flange, X, Y, T_camera_board)
     loo_error_m = np.linalg.norm(difference @ middle, axis=1)

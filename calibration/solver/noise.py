@@ -5,6 +5,10 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+SMOOTH_START_M, SMOOTH_START_RAD = 5e-4, float(np.radians(0.1))
+"""Levels of the smooth robot error per axis at which the estimate begins, metres and radians: those of an arm without
+its own calibration."""
+
 
 @dataclass(frozen=True)
 class NoiseLevel:
@@ -16,6 +20,14 @@ class NoiseLevel:
     """Position error of the reported flange pose per axis, metres."""
     robot_rad: float
     """Rotation error of the reported flange pose per axis, radians."""
+    smooth_m: float
+    """Position error per axis that changes smoothly with the flange pose, metres."""
+    smooth_rad: float
+    """Rotation error per axis that changes smoothly with the flange pose, radians."""
+
+    def smooth_sigmas(self, count: int) -> NDArray[np.float64]:
+        """Return the standard deviations of `count` weights of the smooth robot errors."""
+        return np.tile([self.smooth_rad] * 3 + [self.smooth_m] * 3, count // 6)
 
     @property
     def robot(self) -> NDArray[np.float64]:
@@ -31,8 +43,8 @@ class NoiseLevel:
 class NoisePriors:
     """Prior standard deviations of noise, lens and board scale.
 
-    The noise levels `pixel_px`, `robot_m` and `robot_rad` are initial values; the solver estimates them from the views.
-    The other priors are fixed.
+    The noise levels of corners and robot are initial values; the solver estimates them from the views. The other
+    priors are fixed.
 
     Raises:
         ValueError: A standard deviation is not finite or not greater than zero.
@@ -44,6 +56,10 @@ class NoisePriors:
     """Position error of the reported flange pose per axis, metres. Errors of different poses are independent."""
     robot_rad: float = float(np.radians(0.02))
     """Rotation error of the reported flange pose per axis, radians."""
+    smooth_m: float = 5e-5
+    """Position error per axis that changes smoothly with the flange pose, metres."""
+    smooth_rad: float = float(np.radians(0.01))
+    """Rotation error per axis that changes smoothly with the flange pose, radians."""
     focal: float = 0.003
     """Relative error of fx and fy. The default covers factory calibration, temperature and focus."""
     centre: float = 0.0015
@@ -54,7 +70,7 @@ class NoisePriors:
     """Whether the noise levels are estimated from the views. If False, the given levels are used."""
 
     def __post_init__(self) -> None:
-        for name in ("pixel_px", "robot_m", "robot_rad", "focal", "centre", "scale"):
+        for name in ("pixel_px", "robot_m", "robot_rad", "smooth_m", "smooth_rad", "focal", "centre", "scale"):
             value = getattr(self, name)
             if not 0 < value < np.inf:
                 raise ValueError(
@@ -65,4 +81,7 @@ class NoisePriors:
     @property
     def noise(self) -> NoiseLevel:
         """Initial noise levels."""
-        return NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad)
+        # The estimate of a smooth error can stay at a low level, but does not stay at a level that is too high.
+        start = (SMOOTH_START_M, SMOOTH_START_RAD) if self.estimate_noise else (0.0, 0.0)
+        smooth = max(self.smooth_m, start[0]), max(self.smooth_rad, start[1])
+        return NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad, *smooth)

@@ -15,15 +15,17 @@ In the normal equations `H @ step = g`, H is the information matrix J^T W J, and
 robot errors are eliminated view by view (Schur complement of 6x6 blocks).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.se3 import adjoint, invert_poses, invert_stack, pose_from_twist, right_jacobian, solve_stack
 from calibration.observations import Mounting
-from calibration.pose_estimation.projection import N_CORRECTIONS, Corners, pixel_normal_equations
+from calibration.pose_estimation.projection import N_CORRECTIONS, Corners, PixelNormalEquations, pixel_normal_equations
 from calibration.solver.noise import NoiseLevel, NoisePriors
+from calibration.solver.smooth_errors import smooth_modes
 
 N_SHARED = 12 + N_CORRECTIONS
 """Number of unknowns shared by all views, in this order: twist of X (6), twist of Y (6), and the `N_CORRECTIONS`
@@ -42,6 +44,18 @@ class Problem:
     """Whether the camera is on the flange or in the cell."""
     priors: NoisePriors
     """Prior standard deviations of the noise, the lens and the board scale."""
+
+    has_smooth_errors: bool = False
+    """Whether a part of the robot errors changes smoothly with the flange pose (see `smooth_errors`)."""
+    lens_weight: float = 1.0
+    """Weight of the information about the lens that a view adds to the pose of its board, from 0 to 1. It is below 1 if
+    neighbouring corners have similar errors (see `corner_patterns`)."""
+
+    @cached_property
+    def smooth_modes(self) -> NDArray[np.float64]:
+        """(N, 6, S) Jacobian of the robot errors with respect to the smooth weights. S is 0 without smooth errors."""
+        modes = smooth_modes(self.T_base_flange)
+        return modes if self.has_smooth_errors else modes[:, :, :0]
 
     @property
     def correction_sigmas(self) -> NDArray[np.float64]:
@@ -62,10 +76,16 @@ class Unknowns:
     `T_base_flange @ pose_from_twist(robot_error)`."""
     corrections: NDArray[np.float64]
     """(N_CORRECTIONS,) corrections of the camera matrix and of the board scale (see `projection.N_CORRECTIONS`)."""
+    smooth_weights: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    """(S,) weights of the smooth robot errors (see `smooth_errors.smooth_modes`)."""
+
+    def all_robot_errors(self, problem: Problem) -> NDArray[np.float64]:
+        """Return the sums (N, 6) of the robot error of each view and its smooth robot error."""
+        return self.robot_errors + problem.smooth_modes @ self.smooth_weights
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
         """Return the predicted board poses (N, 4, 4) in the camera frame, metres."""
-        flange = problem.T_base_flange @ pose_from_twist(self.robot_errors)
+        flange = problem.T_base_flange @ pose_from_twist(self.all_robot_errors(problem))
         return invert_poses(self.X) @ (flange if problem.mounting == "eye-to-hand" else invert_poses(flange)) @ self.Y
 
     def add_step(self, shared: NDArray[np.float64], robot_errors: NDArray[np.float64]) -> "Unknowns":
@@ -74,7 +94,8 @@ class Unknowns:
             self.X @ pose_from_twist(shared[:6]),
             self.Y @ pose_from_twist(shared[6:12]),
             self.robot_errors + robot_errors,
-            self.corrections + shared[12:],
+            self.corrections + shared[12:N_SHARED],
+            self.smooth_weights + shared[N_SHARED:],
         )
 
 
@@ -135,15 +156,19 @@ class LinearisedCorners:
     """(N, 6 + N_SHARED) right-hand side of each view: robot error, then shared unknowns."""
     squares_px2: NDArray[np.float64]
     """(N,) sum of the squared reprojection residuals of each view, px^2."""
+    cost_px2: NDArray[np.float64]
+    """(N,) contribution of each view to the cost, px^2: `squares_px2`, weighted like the information."""
 
 
 def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.bool_]) -> LinearisedCorners:
     """Linearise the reprojection residuals at `unknowns`, using the corners of the mask `inliers` (N, M)."""
     T_camera_board = unknowns.T_camera_board(problem)
     blocks = pixel_normal_equations(T_camera_board, unknowns.corrections, problem.corners, inliers)
+    squares_px2 = blocks.squares_px2
+    blocks = _discount_lens(blocks, problem.lens_weight)
     J = _unknowns_jacobian(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
-    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, np.matvec(Jt, blocks.g), blocks.squares_px2)
+    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, np.matvec(Jt, blocks.g), squares_px2, blocks.squares_px2)
 
 
 def build_normal_equations(
@@ -164,11 +189,14 @@ def build_normal_equations(
     H_cross = H[:, :6, 6:]
     g_robot = g[:, :6] - robot_errors / noise.robot**2
     elimination = np.linalg.solve(H_robot, np.concatenate([H_cross, g_robot[..., None]], axis=2))
-    prior = np.concatenate([np.zeros(12), 1 / problem.correction_sigmas**2])
+    smooth_weights = corners.unknowns.smooth_weights
+    smooth_sigmas = noise.smooth_sigmas(len(smooth_weights))
+    prior = np.concatenate([np.zeros(12), 1 / problem.correction_sigmas**2, 1 / smooth_sigmas**2])
     cost = (
-        weight * corners.squares_px2[used].sum()
+        weight * corners.cost_px2[used].sum()
         + ((robot_errors[used] / noise.robot) ** 2).sum()
         + ((corrections / problem.correction_sigmas) ** 2).sum()
+        + ((smooth_weights / smooth_sigmas) ** 2).sum()
     )
     return NormalEquations(
         H_robot=H_robot,
@@ -177,7 +205,7 @@ def build_normal_equations(
         H_reduced=H[:, 6:, 6:] - H_cross.swapaxes(1, 2) @ elimination[..., :-1],
         g_reduced=g[:, 6:] - (H_cross.swapaxes(1, 2) @ elimination[..., -1:])[..., 0],
         H_prior=np.diag(prior),
-        g_prior=-prior * np.concatenate([np.zeros(12), corrections]),
+        g_prior=-prior * np.concatenate([np.zeros(12), corrections, smooth_weights]),
         cost=float(cost),
         squares_px2=corners.squares_px2,
     )
@@ -230,6 +258,25 @@ def implied_robot_errors(
     return T_flange_base @ X @ T_camera_board @ invert_poses(Y)
 
 
+def _discount_lens(blocks: PixelNormalEquations, weight: float) -> PixelNormalEquations:
+    """Multiply the information about the corrections that remains after elimination of the board pose by `weight`.
+
+    The squares become the cost with this gradient: the squares with the best board pose are multiplied by `weight`.
+    """
+    if weight == 1.0:
+        return blocks
+    H, g = blocks.H.copy(), blocks.g.copy()
+    # The regularisation matters for views without corners only.
+    elimination = np.linalg.solve(
+        H[:, :6, :6] + 1e-6 * np.eye(6), np.concatenate([H[:, :6, 6:], g[:, :6, None]], axis=2)
+    )
+    explained = H[:, 6:, :6] @ elimination
+    H[:, 6:, 6:] -= (1 - weight) * (H[:, 6:, 6:] - explained[..., :-1])
+    g[:, 6:] -= (1 - weight) * (g[:, 6:] - explained[..., -1])
+    gain_px2 = np.vecdot(blocks.g[:, :6], elimination[..., -1])
+    return replace(blocks, H=H, g=g, squares_px2=weight * blocks.squares_px2 + (1 - weight) * gain_px2)
+
+
 def _unknowns_jacobian(
     problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -238,10 +285,12 @@ def _unknowns_jacobian(
     The columns are the robot error of the view (6), then the shared unknowns. The board pose is a twist in the camera
     frame.
     """
-    J = np.zeros((len(T_camera_board), 6 + N_CORRECTIONS, 6 + N_SHARED))
+    modes = problem.smooth_modes
+    J = np.zeros((len(T_camera_board), 6 + N_CORRECTIONS, 6 + N_SHARED + modes.shape[2]))
     J_flange = board_motion_jacobian(problem.mounting, unknowns.X, unknowns.Y, T_camera_board)
-    J[:, :6, :6] = J_flange @ right_jacobian(unknowns.robot_errors)
+    J[:, :6, :6] = J_flange @ right_jacobian(unknowns.all_robot_errors(problem))
     J[:, :6, 6:12] = -np.eye(6)
     J[:, :6, 12:18] = adjoint(T_camera_board)
-    J[:, 6:, 18:] = np.eye(N_CORRECTIONS)
+    J[:, 6:, 18 : 6 + N_SHARED] = np.eye(N_CORRECTIONS)
+    J[:, :6, 6 + N_SHARED :] = J[:, :6, :6] @ modes
     return J

@@ -16,7 +16,7 @@ from calibration.solver.problem import N_SHARED, NormalEquations, Unknowns
 
 PRIOR_WEIGHT = 2.0
 """Weight of the prior noise level, as a number of additional residuals."""
-MIN_NOISE = NoiseLevel(pixel_px=1e-3, robot_m=1e-6, robot_rad=2e-6)
+MIN_NOISE = NoiseLevel(pixel_px=1e-3, robot_m=1e-6, robot_rad=2e-6, smooth_m=1e-6, smooth_rad=2e-6)
 """Lower limits of the estimates. They keep the weights finite if the views have no noise."""
 
 
@@ -92,8 +92,26 @@ def estimate_noise(
     robot_rad, robot_m = robot.sigmas(priors)
     freedom_of_priors = float(np.sum(np.diag(shared_covariance) * np.diag(equations.H_prior)))
     freedom_of_robot = 6.0 * used.sum() - float(robot.redundancy.sum())
-    freedom_of_corners = 6.0 * used.sum() + N_SHARED - freedom_of_priors - freedom_of_robot
+    freedom_of_corners = 6.0 * used.sum() + len(shared_covariance) - freedom_of_priors - freedom_of_robot
     redundancy = max(2.0 * float(inliers[used].sum()) - freedom_of_corners, 1.0)
     squares = float(equations.squares_px2[used].sum())
     pixel_px = np.sqrt((squares + PRIOR_WEIGHT * priors.pixel_px**2) / (redundancy + PRIOR_WEIGHT))
-    return NoiseLevel(max(float(pixel_px), MIN_NOISE.pixel_px), float(robot_m), float(robot_rad))
+    smooth_rad, smooth_m = _smooth_sigmas(priors, noise, unknowns.smooth_weights, shared_covariance)
+    return NoiseLevel(
+        max(float(pixel_px), MIN_NOISE.pixel_px),
+        float(robot_m),
+        float(robot_rad),
+        max(float(smooth_m), MIN_NOISE.smooth_m),
+        max(float(smooth_rad), MIN_NOISE.smooth_rad),
+    )
+
+
+def _smooth_sigmas(
+    priors: NoisePriors, noise: NoiseLevel, weights: NDArray[np.float64], shared_covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the standard deviations (2,) of the smooth rotation (rad) and position (m) errors per axis."""
+    share = np.diag(shared_covariance)[N_SHARED:] / noise.smooth_sigmas(len(weights)) ** 2
+    redundancy = np.clip(1.0 - share, 1e-6, 1.0).reshape(-1, 2, 3).sum(axis=(0, 2))
+    squares = (weights**2).reshape(-1, 2, 3).sum(axis=(0, 2))
+    prior = np.array([priors.smooth_rad, priors.smooth_m])
+    return np.sqrt((squares + PRIOR_WEIGHT * prior**2) / (redundancy + PRIOR_WEIGHT))

@@ -41,11 +41,13 @@ def adjusted_of(recorded: Recorded, problem: Problem, used: np.ndarray | None = 
 @pytest.mark.parametrize("mounting", MOUNTINGS)
 def test_derivatives_equal_finite_differences(mounting: Mounting) -> None:
     recorded = record(0, 4, mounting=mounting)
-    problem = problem_of(recorded)
+    problem = replace(problem_of(recorded), has_smooth_errors=True)
     rng = np.random.default_rng(0)
     # The values are not zero, so every term has an effect.
     errors = np.concatenate([rng.normal(0, 0.003, (4, 3)), rng.normal(0, 0.001, (4, 3))], axis=1)
-    unknowns = Unknowns(recorded.X, recorded.Y, errors, rng.normal(0, 0.003, N_CORRECTIONS))
+    n_smooth = problem.smooth_modes.shape[2]
+    corrections, weights = rng.normal(0, 0.003, N_CORRECTIONS), rng.normal(0, 0.001, n_smooth)
+    unknowns = Unknowns(recorded.X, recorded.Y, errors, corrections, weights)
 
     def residuals(errors_step: np.ndarray, shared: np.ndarray) -> np.ndarray:
         moved = unknowns.add_step(shared, np.tile(errors_step, (4, 1)))
@@ -55,8 +57,8 @@ def test_derivatives_equal_finite_differences(mounting: Mounting) -> None:
 
     step = 1e-6
     columns = []
-    for k in range(6 + N_SHARED):
-        v = step * np.eye(6 + N_SHARED)[k]
+    for k in range(6 + N_SHARED + n_smooth):
+        v = step * np.eye(6 + N_SHARED + n_smooth)[k]
         # Residuals are observed minus predicted, so the derivative of the prediction has the opposite sign.
         columns.append((residuals(-v[:6], -v[6:]) - residuals(v[:6], v[6:])) / (2 * step))
     J = np.stack(columns, axis=2)
@@ -66,7 +68,7 @@ def test_derivatives_equal_finite_differences(mounting: Mounting) -> None:
     scale = scale[:, :, None] * scale[:, None]
     # Central differences of 1e-6, and a series of the derivative of the rotation to the second power of 1e-5.
     np.testing.assert_allclose(corners.H / scale, expected / scale, atol=1e-6)
-    pull = (J.swapaxes(1, 2) @ residuals(np.zeros(6), np.zeros(N_SHARED))[..., None])[..., 0]
+    pull = (J.swapaxes(1, 2) @ residuals(np.zeros(6), np.zeros(N_SHARED + n_smooth))[..., None])[..., 0]
     np.testing.assert_allclose(corners.g, pull, rtol=1e-5, atol=1e-4 * np.abs(pull).max())
 
 
