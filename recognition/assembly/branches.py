@@ -14,7 +14,7 @@ from recognition.messages import format_position
 from recognition.model.chains import Chain, End
 from recognition.model.findings import Finding, finding
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.visible_gaps import MIN_VIEWS, STEP_RADII, count_views_through
+from recognition.refinement.visible_gaps import STEP_RADII, count_views
 
 MAX_GAP_RADII = 3.0
 """Maximum distance along the axis between an end and the side of a joined strand, in radii of the chain.
@@ -49,8 +49,8 @@ def mark_branches(chains: Sequence[Chain], views: Sequence[NormalCloud]) -> tupl
     """Mark an end as `touching` if it may be joined to the side of another strand.
 
     A string that ends at the side of a strand at the same height may be a branch of it, as in a cable harness, or may
-    only lie there. The surfaces of both look alike. The data exclude a joint in two cases: the height differs, or at
-    least `MIN_VIEWS` views look through a gap between the end and the side.
+    only lie there. The surfaces of both look alike. The data exclude a joint in two cases: the height differs, or half
+    of the views look through a gap between the end and the side.
 
     Args:
         chains: Chains of the model.
@@ -104,7 +104,7 @@ def _find_contact(chains: Sequence[Chain], number: int, at: int, views: Sequence
         return None
     contact = min(contacts, key=lambda found: found.gap_m)
     between = ahead[s <= contact.gap_m]
-    return None if (count_views_through(between, r, views) >= MIN_VIEWS).any() else contact
+    return None if count_views(between, r, views).is_free.any() else contact
 
 
 def _sampled(chain: Chain, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

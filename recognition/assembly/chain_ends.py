@@ -15,7 +15,7 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.end_merging import MAX_FACING_COSINE
-from recognition.refinement.visible_gaps import MIN_VIEWS, STEP_RADII, count_views_through
+from recognition.refinement.visible_gaps import STEP_RADII, count_views
 
 DIRECTION_LENGTH_RADII = 2.0
 """Length of chain from which the direction of an end is measured, in radii."""
@@ -97,9 +97,9 @@ def mark_touching_ends(
 
 
 def _is_gap_visible(a: NDArray[np.float64], b: NDArray[np.float64], r: float, views: Sequence[NormalCloud]) -> bool:
-    """Return whether at least `MIN_VIEWS` views look through the straight line between two ends (3,)."""
+    """Return whether half of the views look through a point of the straight line between two ends (3,)."""
     between = np.linspace(a, b, max(int(np.linalg.norm(b - a) / (STEP_RADII * r)), 1) + 1)
-    return bool((count_views_through(between, r, views) >= MIN_VIEWS).any())
+    return bool(count_views(between, r, views).is_free.any())
 
 
 def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:

@@ -1,6 +1,7 @@
 """Visible gaps: places where the depth images show that no string is, because they measured what lies behind it."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,24 +19,46 @@ BEHIND_RADII = 0.5
 
 The surface of a string is 1 radius or more before its axis, and the table 1 radius or more behind it.
 """
-MIN_VIEWS = 2
-"""Minimum number of views that look through a gap. One view may be wrong at one pixel."""
+BEFORE_RADII = 2.5
+"""Distance before the axis, along the optical axis, up to which a measured point may lie on the string, in radii."""
+MIN_VIEWS = 3
+"""Minimum number of views that look through a free point. Two views may be wrong at the same few pixels."""
+MIN_EXTENT_VIEWS = 2
+"""Minimum number of views that look through the points around a free point that belong to the same gap."""
 MIN_PART_RADII = 3.0
 """Minimum length of a part of a split strand, in radii. A shorter part shows no direction."""
 
 
-def count_views_through(points: Points, r: float, views: Sequence[NormalCloud]) -> NDArray[np.int64]:
-    """Return the numbers (N,) of views whose line of sight passes through each point and ends behind it.
+@dataclass(frozen=True, eq=False)
+class ViewCounts:
+    """Numbers of views whose lines of sight to N points end behind the points, or at a string there.
 
-    A string with its axis at the point would have stopped the line of sight. Views in which another object hides the
-    point, or which measured no depth there, do not count.
+    Views in which another object hides the point, or which measured no depth there, count in neither number.
+    """
+
+    through: NDArray[np.int64]
+    """(N,) number of views that look through the point: their line of sight ends behind it."""
+    stopped: NDArray[np.int64]
+    """(N,) number of views whose line of sight ends where a string with its axis at the point would stop it."""
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """(N,) mask of the points at which no string is: half of the views look through them, and at least `MIN_VIEWS`.
+
+        Views along a string cannot look through a short gap, so they do not show that there is none.
+        """
+        return (self.through >= MIN_VIEWS) & (self.through >= self.stopped)
+
+
+def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewCounts:
+    """Count the views that look through each point, and those that a string with its axis there may have stopped.
 
     Args:
         points: (N, 3) points, metres, base frame.
         r: Radius of the string, metres.
         views: Registered views. Views without a depth image do not count.
     """
-    count = np.zeros(len(points), dtype=np.int64)
+    through, stopped = np.zeros((2, len(points)), dtype=np.int64)
     for view in views:
         if view.image is None or view.T_base_camera is None:
             continue
@@ -47,17 +70,23 @@ def count_views_through(points: Points, r: float, views: Sequence[NormalCloud]) 
         height, width = image.depth.shape
         is_inside = is_ahead & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
         depth = image.depth[rows[is_inside], columns[is_inside]] * image.depth_unit_m
-        count[is_inside] += depth > in_camera[is_inside, 2] + BEHIND_RADII * r
-    return count
+        behind = depth - in_camera[is_inside, 2]
+        is_through = behind > BEHIND_RADII * r
+        through[is_inside] += is_through
+        stopped[is_inside] += ~is_through & (depth > 0) & (behind > -BEFORE_RADII * r)
+    return ViewCounts(through, stopped)
 
 
 def split_at_visible_gaps(
     strands: Sequence[Strand], radii: NDArray[np.float64], views: Sequence[NormalCloud]
 ) -> list[Strand] | None:
-    """Split the strands where at least `MIN_VIEWS` views look through their axis.
+    """Split the strands where half of the views look through their axis.
 
     Two strings that lie end to end with a short gap are traced as one strand. Their surfaces may be linked over the
     gap, but the lines of sight across the strings show it.
+
+    The gap goes on around such a point as far as at least `MIN_EXTENT_VIEWS` views look through the axis. Some views
+    may be wrong at the same point if a string is only a few pixels wide.
 
     Args:
         strands: Strands with fitted lines.
@@ -84,11 +113,14 @@ def _visible_gaps(strand: Strand, r: float, views: Sequence[NormalCloud]) -> NDA
     """
     line = close_polyline(strand.points, strand.closed)
     s = resampled_lengths(line, STEP_RADII * r)
-    is_gap = count_views_through(points_at(line, s), r, views) >= MIN_VIEWS
+    counts = count_views(points_at(line, s), r, views)
+    is_gap = counts.through >= MIN_EXTENT_VIEWS
     if not strand.closed:
         is_gap &= (s > r) & (s < s[-1] - r)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_gap, [False]])))
-    return np.column_stack([s[edges[::2]], s[edges[1::2] - 1]])
+    parts = zip(edges[::2], edges[1::2], strict=True)
+    gaps = [(s[first], s[stop - 1]) for first, stop in parts if counts.is_free[first:stop].any()]
+    return np.array(gaps).reshape(-1, 2)
 
 
 def _split(strand: Strand, gaps: NDArray[np.float64], min_length: float) -> list[Strand]:

@@ -11,7 +11,7 @@ from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.visible_gaps import MIN_VIEWS, count_views_through, split_at_visible_gaps
+from recognition.refinement.visible_gaps import MIN_VIEWS, ViewCounts, count_views, split_at_visible_gaps
 from recognition.strand import Strand
 
 R = 0.0042
@@ -56,16 +56,24 @@ def with_gap(gap_radii: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_no_view_looks_through_a_string_and_all_look_through_free_space() -> None:
     views = captured(along_x(-0.1, 0.1))
-    assert count_views_through(along_x(-0.095, 0.095), R, views).max() == 0
+    counts = count_views(along_x(-0.095, 0.095), R, views)
+    assert counts.through.max() == 0
+    assert counts.stopped.min() >= 4
     beside = along_x(-0.1, 0.1) + [0.0, 6 * R, 0.0]
-    assert count_views_through(beside, R, views).min() >= 4
-    assert (count_views_through(along_x(5.0, 6.0), R, views) == 0).all(), "outside of all images"
-    assert (count_views_through(beside, R, []) == 0).all()
+    assert count_views(beside, R, views).through.min() >= 4
+    for none in (count_views(along_x(5.0, 6.0), R, views), count_views(beside, R, [])):
+        assert none.through.max() == none.stopped.max() == 0, "outside of all images, and without views"
 
 
 def test_a_point_that_an_object_hides_is_not_looked_through() -> None:
     box = Box((0.0, 0.0), (0.12, 0.12, 0.03), 0.0)
-    assert (count_views_through(along_x(-0.03, 0.03), R, captured(along_x(-0.1, 0.1), boxes=(box,))) == 0).all()
+    counts = count_views(along_x(-0.03, 0.03), R, captured(along_x(-0.1, 0.1), boxes=(box,)))
+    assert counts.through.max() == counts.stopped.max() == 0
+
+
+def test_half_of_the_views_must_look_through_a_free_point() -> None:
+    counts = ViewCounts(through=np.array([2, 3, 3, 3, 0]), stopped=np.array([0, 0, 3, 4, 0]))
+    assert counts.is_free.tolist() == [False, True, True, False, False]
 
 
 @pytest.mark.parametrize("gap_radii", [1.0, 2.0, 4.0])
@@ -83,11 +91,11 @@ def test_a_strand_without_a_visible_gap_is_not_split(gap_radii: float) -> None:
     assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, captured(*with_gap(gap_radii))) is None
 
 
-def test_one_view_is_not_enough() -> None:
+def test_two_views_are_not_enough() -> None:
     views = captured(*with_gap(4.0))
-    through = [view for view in views if count_views_through(along_x(0, 0.0005), R, [view]).any()]
+    through = [view for view in views if count_views(along_x(0, 0.0005), R, [view]).through.any()]
     assert len(through) >= MIN_VIEWS
-    assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, through[:1]) is None
+    assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, through[: MIN_VIEWS - 1]) is None
     assert split_at_visible_gaps([strand(along_x(-0.1, 0.1))], RADII, through[:MIN_VIEWS]) is not None
 
 
