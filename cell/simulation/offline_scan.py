@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.devices import View
+from cell.planning.look_at import Bearing
 from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, reported_flange_poses, viewpoints
 from cell.simulation.rendering.depth_camera import CameraModel, DepthCamera
@@ -54,6 +55,8 @@ def simulate(
     errors: PoseErrors | None = None,
     views: int = 8,
     T_base_table: NDArray[np.float64] | None = None,
+    bearings: Sequence[Bearing] | None = None,
+    workspace_half_m: float | None = None,
 ) -> SimulatedScan:
     """Simulate a scan of a scene from viewpoints on two rings. The same arguments give the same content.
 
@@ -65,6 +68,9 @@ def simulate(
         views: Number of views, 1 to 64.
         T_base_table: True pose (4, 4) of the table with the scene on it. The recording states a level table at z = 0.
             None means that this is true.
+        bearings: Bearing of each view from the table's origin. None means bearings on two rings.
+        workspace_half_m: Half width of the recorded workspace, which all views show completely. None means at least
+            `WORKSPACE_HALF_M`, and views that show the strings.
 
     Raises:
         ViewCountError: `views` is out of range.
@@ -73,9 +79,13 @@ def simulate(
         raise ViewCountError(f"{views} views; from 1 to 64 are allowed")
     errors = PoseErrors() if errors is None else errors
     points = _subject(scene)
+    half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
+    if workspace_half_m is not None:
+        half = workspace_half_m
+        points = half * np.array([(x, y, 0.0) for x in (-1, 1) for y in (-1, 1)])
     size = (camera.width, camera.height)
     T_base_table = np.eye(4) if T_base_table is None else T_base_table
-    T_table_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views)
+    T_table_camera = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, views, bearings)
     T_base_camera = [T_base_table @ T for T in T_table_camera]
     pose_rng = np.random.default_rng([seed, _POSES])
     T_flange_camera = T_FLANGE_CAMERA
@@ -85,7 +95,6 @@ def simulate(
     if camera.noise is not None:
         bias_px = camera.noise.bias_px * np.random.default_rng([seed, _SESSION]).standard_normal()
     depth_camera = DepthCamera(camera, scene, bias_px, seed)
-    half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
     header = RecordingHeader(
         depth_unit_m=camera.depth_unit_m,
         string_radius_m=scene.radius_m,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
-from cell.planning.look_at import look_at, min_distance, two_rings
+from cell.planning.look_at import Bearing, look_at, min_distance, two_rings
 from cell.simulation.kinematic_error import KinematicError
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.1, 0.05, 0.4))
@@ -46,6 +46,7 @@ def viewpoints(
     near_m: float,
     working_m: tuple[float, float],
     views: int,
+    bearings: Sequence[Bearing] | None = None,
 ) -> list[NDArray[np.float64]]:
     """Return `T_base_camera` of viewpoints around the origin, on two rings in turn.
 
@@ -59,8 +60,9 @@ def viewpoints(
         near_m: Smallest distance of a point.
         working_m: Smallest and largest distance of the camera.
         views: Number of viewpoints.
+        bearings: Bearing of each viewpoint. None means bearings on two rings.
     """
-    bearings = two_rings(views)
+    bearings = two_rings(views) if bearings is None else bearings
     needed = max(min_distance(points, K, size, near_m, bearing) for bearing in bearings)
     distance = min(max(working_m[0], needed), working_m[1])
     return [look_at(np.zeros(3), b.azimuth_rad, b.elevation_rad, distance, b.roll_rad) for b in bearings]

@@ -35,6 +35,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "speckle": (1.1, 1.6),
     "noise": (1.5, 2.0),
     "lifted": (1.5, 2.1),
+    "few": (0.5, 0.7, 0.8, 1.0),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -57,6 +58,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "speckle": 18.0,
     "noise": 18.0,
     "lifted": 18.0,
+    "few": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {

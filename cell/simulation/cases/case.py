@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.planning.look_at import Bearing
 from cell.simulation.offline_scan import SimulatedScan
 from cell.simulation.offline_scan import simulate as simulate_scene
 from cell.simulation.pose_errors import PoseErrors
@@ -34,10 +35,24 @@ class Case:
     """Errors of the reported poses."""
     views: int = 8
     """Number of views."""
+    bearings: tuple[Bearing, ...] | None = None
+    """Bearing of each view. None means bearings on two rings."""
+    workspace_half_m: float | None = None
+    """Half width of the recorded workspace, metres. All views show the whole workspace. None means a wider workspace
+    than the strings need, of which the views show the part with the strings."""
     T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     """True pose (4, 4) of the table, whose top the recording states as z = 0. The scene lies on its top."""
 
 
 def simulate(case: Case) -> SimulatedScan:
     """Simulate the scan of a case: its views and the truth. The same case gives the same scan."""
-    return simulate_scene(case.scene, case.camera, case.seed, case.errors, case.views, case.T_base_table)
+    return simulate_scene(
+        case.scene,
+        case.camera,
+        case.seed,
+        case.errors,
+        case.views,
+        case.T_base_table,
+        case.bearings,
+        case.workspace_half_m,
+    )

@@ -8,6 +8,7 @@ from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.end_tiers import draw_branches, draw_ends
+from cell.simulation.cases.few_tiers import draw_few
 from cell.simulation.cases.first_tiers import draw_first
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
@@ -38,6 +39,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "speckle": (15, draw_noisy),
     "noise": (20, draw_noisy),
     "lifted": (13, draw_lifted),
+    "few": (19, draw_few),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -82,6 +84,8 @@ def make_case(tier: str, seed: int) -> Case:
       refuse the noisiest ones.
     - `lifted`: scenes of `paper` and `long` in turn, on a table 2 to 10 mm lower or higher than stated, tilted by 0.3
       to 2 degrees, or both.
+    - `few`: scenes of `paper`, `long` and `many` in turn, with one to four views in turn. A single view has
+      a random direction, from 45 degrees to nearly straight down.
 
     Args:
         tier: One of `TIERS`.

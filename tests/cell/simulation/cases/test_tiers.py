@@ -73,6 +73,28 @@ def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Ca
         assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
+def test_few_cases_have_one_to_four_views_that_show_the_workspace() -> None:
+    for seed in range(4):
+        case = make_case("few", seed)
+        scan = simulate(replace(case, camera=camera_model("oak-d-pro", (64, 40))))
+        assert len(scan.views) == case.views == 1 + seed
+        (x_m, y_m, _), depth = scan.header.workspace_m or ((), (), ()), scan.views[0].depth
+        corners = np.array([(x, y, 0.0, 1.0) for x in x_m for y in y_m])
+        for view in scan.views:
+            pixels = corners @ np.linalg.inv(view.T_base_camera)[:3].T @ view.K.T
+            pixels = pixels[:, :2] / pixels[:, 2:]
+            assert ((pixels > 0) & (pixels < (depth.shape[1], depth.shape[0]))).all()
+
+
+def test_a_single_view_has_the_direction_of_a_fixed_camera() -> None:
+    down = []
+    for seed in range(0, 40, 4):
+        (bearing,) = make_case("few", seed).bearings or ()
+        assert np.deg2rad(45) <= bearing.elevation_rad <= np.deg2rad(88)
+        down.append(bearing.elevation_rad > np.deg2rad(70))
+    assert set(down) == {True, False}
+
+
 def test_lifted_cases_have_a_table_that_the_recording_does_not_state() -> None:
     cases = [make_case("lifted", seed) for seed in range(40)]
     assert [measure(case)[1] for case in cases[:2]] == pytest.approx([0.4, 0.7], abs=2e-4)
