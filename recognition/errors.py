@@ -32,7 +32,7 @@ class DuplicateViewError(RecognitionError):
 
 
 class InsufficientViewsError(RecognitionError):
-    """Fewer than two views can be used."""
+    """No view was given, or only one view shows a string and others show a bare table."""
 
     slug = "insufficient-views"
 

@@ -25,7 +25,7 @@ from recognition.assembly.unexplained import (
     possible_object_findings,
     unexplained_findings,
 )
-from recognition.assembly.view_findings import drift_findings, view_findings
+from recognition.assembly.view_findings import drift_findings, single_view_findings, view_findings
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasping import Grasping, plan_grasps
@@ -152,7 +152,7 @@ def recognise(
     """Recognise the strings in `views` and return their point chain model, with the results of each stage.
 
     Args:
-        views: Depth images with their camera poses, at least two. They may arrive one by one; each view is
+        views: Depth images with their camera poses, at least one. They may arrive one by one; each view is
             preprocessed when it arrives.
         parameters: Radii and thresholds. None measures the radius of the strings first. The measurement needs all
             views and doubles the computing time. It is also made, for a finding, if a given radius gives no chain or
@@ -175,7 +175,7 @@ def recognise(
         InvalidParametersError: The method is unknown, it does not use one of `settings`, or the values break a
             condition of Table I.
         DuplicateViewError: Two views have the same index.
-        InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
+        InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         ContradictingViewsError: No majority of the views shows the same scene.
         NoDepthError: No view measured anything in the workspace.
         TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
@@ -228,7 +228,7 @@ def recognise(
     graph, refinement, reconstruction = None, None, None
     linked = LinkedSegments(())
     if method == "graph":
-        occlusion_map = OcclusionMap(registration.points)
+        occlusion_map = OcclusionMap(registration.points, registration.clouds)
         graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters)
 
         timer.begin("refinement")
@@ -277,6 +277,7 @@ def recognise(
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
         *table_findings(ingested.moved_table, chains),
+        *single_view_findings(registration.views),
         *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )

@@ -15,7 +15,7 @@ from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.table_measurement import ViewPlane, measure_table
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
-from recognition.preprocessing.view_selection import MIN_VIEWS, exclusion_reason, select_views
+from recognition.preprocessing.view_selection import exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
 from recognition.registration.measured_table import (
     MeasuredTable,
@@ -144,7 +144,7 @@ def ingest_views(
 
     Raises:
         DuplicateViewError: Two views have the same index.
-        InsufficientViewsError: Fewer than two views were given, or fewer than two views can be used.
+        InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         NoDepthError: No view measured anything in the workspace.
         TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
         TooCrowdedError: Most views have too many points above the table for a scene of strings.
@@ -169,7 +169,8 @@ def ingest_views(
         threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
         no_string_reason = f"{selection.no_string_reason} {threshold}"
     else:
-        if len(clouds) < max(MIN_VIEWS, len(crowded)):
+        # A single view is used only if no other view contradicts it.
+        if crowded and len(clouds) < max(2, len(crowded)):
             raise next(iter(crowded.values()))
         excluded += tuple(
             ViewQuality(target.view, False, str(crowded[target.view]), len(target.points), code="view-crowded")

@@ -53,7 +53,7 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
     if not model.chains:
         doubts.append("no string was found")
     elif used < MIN_SUFFICIENT_VIEWS:
-        doubts.append(f"only {used} views can be used")
+        doubts.append(f"only {used} view{'s' * (used != 1)} can be used")
     explained = {
         (chain, found.end)
         for found in model.quality.findings

@@ -22,9 +22,6 @@ from cell.recording.header import Box
 from cell.recording.limits import DEFAULT_LIMITS
 from cell.recording.whole_recording import require_new, write_whole
 
-MIN_VIEWS = 2
-"""Smallest number of views for recognition."""
-
 
 @dataclass(frozen=True, eq=False)
 class BagRequest:
@@ -97,16 +94,16 @@ def import_bag(path: Path, out: Path, request: BagRequest) -> ImportedBag:
 
 def _check_count(stationary: StationaryPoses, images: int) -> None:
     """Raise BagError for too few or too many views."""
-    if MIN_VIEWS <= len(stationary.poses) <= DEFAULT_LIMITS.views:
+    if 1 <= len(stationary.poses) <= DEFAULT_LIMITS.views:
         return
     count = len(stationary.poses)
     excluded = (
         f"of {images} depth images, {stationary.moving} were taken in motion, {stationary.unknown} have no known pose"
     )
-    if count < MIN_VIEWS:
+    if count == 0:
         raise BagError(
-            f"the arm stands still at {count} poses ({excluded}); at least {MIN_VIEWS} are needed: record eight, and "
-            "keep the arm still for half a second or longer at each"
+            f"the arm stands still at {count} poses ({excluded}); at least one is needed: record eight, and keep the "
+            "arm still for half a second or longer at each"
         )
     raise BagError(
         f"the arm stands still at {count} poses ({excluded}); at most {DEFAULT_LIMITS.views} are read: cut the bag"

@@ -12,7 +12,6 @@ from cell.cloud.ply_file import Cloud, read_cloud
 from cell.cloud.virtual_view import VirtualView, virtual_view
 from cell.devices import View
 from cell.frames.depth_file import fine_unit, to_counts
-from cell.frames.folder import MIN_VIEWS
 from cell.recording import RecordingHeader
 from cell.recording.errors import shown
 from cell.recording.header import Box
@@ -133,10 +132,10 @@ def import_cloud(files: Sequence[Path], out: Path, request: CloudRequest) -> Imp
 def _viewpoints(request: CloudRequest) -> NDArray[np.float64]:
     """Return the viewpoints (V, 3), checked."""
     viewpoints = np.array(request.viewpoints_m, dtype=np.float64).reshape(-1, 3)
-    if not MIN_VIEWS <= len(viewpoints) <= DEFAULT_LIMITS.views:
+    if not 1 <= len(viewpoints) <= DEFAULT_LIMITS.views:
         raise CloudError(
-            f"{len(viewpoints)} viewpoint{'s are' if len(viewpoints) != 1 else ' is'} given; from {MIN_VIEWS} to "
-            f"{DEFAULT_LIMITS.views} are needed: repeat --viewpoint for each position of the camera"
+            f"{len(viewpoints)} viewpoints are given; from 1 to {DEFAULT_LIMITS.views} are needed: repeat "
+            "--viewpoint for each position of the camera"
         )
     for viewpoint in viewpoints:
         named = f"the viewpoint ({', '.join(f'{value:g}' for value in viewpoint)})"

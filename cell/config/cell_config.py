@@ -81,7 +81,7 @@ class ScanSettings(StrictSettings):
 
     views: ScanViews = 8
     """Number of viewpoints, or "auto": one ring of four viewpoints, and four more only if something is doubtful."""
-    min_views: int = Field(default=4, ge=2, le=32)
+    min_views: int = Field(default=4, ge=1, le=32)
     """Minimum number of views. With fewer reachable viewpoints the scan is refused; with fewer views it fails."""
     string_radius_m: float | None = Field(default=None, ge=R_MIN, le=R_MAX)
     """Radius of the strings in this cell. Without it, the radius is measured in each scan."""

@@ -4,7 +4,7 @@ from typing import Literal
 
 Views = int | Literal["auto"]
 """Number of viewpoints, or `auto`: one ring of viewpoints, and the other ring only if something is doubtful."""
-MIN_VIEWPOINTS, MAX_VIEWPOINTS = 2, 32
+MIN_VIEWPOINTS, MAX_VIEWPOINTS = 1, 32
 """Limits of a number of viewpoints."""
 VIEWS_NEEDED = f'a whole number from {MIN_VIEWPOINTS} to {MAX_VIEWPOINTS} or "auto" is needed'
 """Message about any other value."""

@@ -6,8 +6,6 @@ from pathlib import Path
 from cell.frames.errors import FramesError
 from cell.recording.limits import DEFAULT_LIMITS
 
-MIN_VIEWS = 2
-"""Recognition needs at least two views."""
 IMAGES = (".png", ".npy")
 """Formats of depth images that are read."""
 IGNORED = (".json", ".txt", ".md", ".csv", ".yaml", ".yml")
@@ -50,10 +48,9 @@ def depth_images(folder: Path) -> list[Path]:
             )
     if len({path.suffix.lower() for path in images}) > 1:
         raise FramesError(f"{folder} holds both .png and .npy files: keep the depth images of one kind in it")
-    if not MIN_VIEWS <= len(images) <= DEFAULT_LIMITS.views:
+    if len(images) > DEFAULT_LIMITS.views:
         raise FramesError(
-            f"{folder} holds {len(images)} depth image{'s' * (len(images) > 1)}; a recording takes from {MIN_VIEWS} to "
-            f"{DEFAULT_LIMITS.views} views"
+            f"{folder} holds {len(images)} depth images; a recording takes at most {DEFAULT_LIMITS.views} views"
         )
     return images
 

@@ -291,7 +291,7 @@ def _coverage(viewpoints: tuple[Viewpoint, ...], view_target: ViewTarget) -> Cov
         CameraFrustum(optics.K, optics.width, optics.height, v.T_base_camera) for v in viewpoints if v.q_rad is not None
     ]
     x_m, y_m = ((float(low[axis]), float(high[axis])) for axis in range(2))
-    return table_coverage(frustums, x_m, y_m, float(view_target.centre[2]))
+    return table_coverage(frustums, x_m, y_m, float(view_target.centre[2]), len(viewpoints))
 
 
 def _taken(

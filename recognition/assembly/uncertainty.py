@@ -16,12 +16,16 @@ SURFACE_STRIDE = 2
 MIN_VIEW_POINTS = 2
 """Minimum number of surface points beside a point of the strand. With fewer, the view did not see the point."""
 SYSTEMATIC_SHARE = 0.35
-"""Share of the surface scatter that is common to all views and to neighbouring pixels.
+"""Share of the surface scatter that is common to neighbouring pixels, in a scan of `SYSTEMATIC_VIEWS` views.
 
-Averaging does not reduce this share, because stereo errors repeat with the disparity. The value was chosen on simulated
-scans: with it, 2 sigma covers 95 % of the errors there. It also covers the larger errors of a short baseline at a long
-distance.
+Stereo errors are correlated over about one radius, so the average over the surface beside a point hardly reduces them.
+The average over the views does: the variance is inversely proportional to their number. With a single view, the share
+is 1. The value was chosen on simulated scans of eight views: with it, 2 sigma covers 95 % of the errors there. It also
+covers the larger errors of a short baseline at a long distance.
 """
+SYSTEMATIC_VIEWS = 8
+"""Maximum number of views that reduce this share. Further views do not, because stereo errors repeat with the
+disparity."""
 MIN_SIGMA_M = 0.0001
 """Lower limit of sigma, metres. The errors of the lens and of the depth scale are common to all views."""
 MIN_HIDDEN_BEND_RADII = 8.0
@@ -58,7 +62,8 @@ def point_uncertainty(
         distance, nearest = KDTree(s[~hidden, None]).query(s[hidden, None])
         fit[hidden] = fit[~hidden][np.asarray(nearest)]
         deviation[hidden] = np.asarray(distance) ** 2 / (2 * MIN_HIDDEN_BEND_RADII * strand.radius_m)
-    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2
+    averaging = SYSTEMATIC_VIEWS / min(len(registration.clouds), SYSTEMATIC_VIEWS)
+    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2 * averaging
     return np.sqrt(_pose_variance(strand.points, registration) + fit + deviation**2 + common), views
 
 

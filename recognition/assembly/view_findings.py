@@ -1,4 +1,4 @@
-"""Findings on excluded views, and on a calibration that all views contradict."""
+"""Findings on excluded views, on a single view, and on a calibration that all views contradict."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,3 +39,22 @@ def drift_findings(registration: Registration, chains: Sequence[Chain]) -> list[
     """Return the doubt about the calibration, if there is one. It concerns all chains."""
     drift = registration.hand_eye_drift
     return [] if drift is None else [replace(drift, chains=tuple(chain.id for chain in chains))]
+
+
+def single_view_findings(views: Sequence[ViewQuality]) -> list[Finding]:
+    """Return a note if only one view is used, because no other view can contradict it.
+
+    It is not a doubt: `sigma_m` contains the whole error of a good calibration, and a crossing or an end that one view
+    does not decide has a doubt of its own.
+
+    Args:
+        views: Quality of all views.
+    """
+    used = [view.index for view in views if view.used]
+    if len(used) != 1:
+        return []
+    message = (
+        f"only view {used[0]} is used: no other view checks its pose, shows whether something moved, or sees what it "
+        "hides; the positions depend on the calibration alone"
+    )
+    return [finding("single-view", message, view=used[0])]

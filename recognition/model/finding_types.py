@@ -57,6 +57,7 @@ FindingCode = Literal[
     "more-pieces",
     "unexplained-surface",
     "more-unexplained-surface",
+    "single-view",
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
@@ -205,7 +206,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "table-not-covered": FindingType(
         severity="doubt",
         scope="model",
-        meaning="Fewer than two views show a part of the table. Strings may be missed or cut short there.",
+        meaning="Fewer than two views, or not the only one, show a part of the table. Strings may be missed there.",
         action="Reduce the workspace, or add viewpoints.",
         decision="ask a person",
         value="share of the table that is not covered, 0 to 1",
@@ -363,6 +364,13 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Nothing, if objects lie there. The grasps keep clear of them.",
         decision="nothing",
         value="number of further things",
+    ),
+    "single-view": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The model rests on a single view. No other view checks its pose or shows what it hides.",
+        action="Nothing, if `sigma_m` is small enough. It holds only as long as the calibration is right: verify it.",
+        decision="nothing",
     ),
     "more-views-needed": FindingType(
         severity="note",

@@ -30,7 +30,8 @@ class ViewQuality:
     points: int
     """Number of points above the height threshold."""
     fitness: float | None = None
-    """Share of the points that have a point of another view on the same surface within r, 0 to 1."""
+    """Share of the points that have a point of another view on the same surface within r, 0 to 1; None for a single
+    view."""
     rms_m: float | None = None
     """Root mean square distance of these points from the surface of the other views, metres."""
     correction_m: float | None = None

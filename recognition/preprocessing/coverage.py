@@ -1,4 +1,8 @@
-"""Coverage of the table by the views. Strings may be missed where fewer than `MIN_VIEWS` views show the table."""
+"""Coverage of the table by the views. Strings may be missed where too few views show the table.
+
+A scan of several views should show each part of the table twice, so that the views check each other. A scan of a single
+view can show it only once.
+"""
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -8,10 +12,12 @@ from numpy.typing import NDArray
 
 from recognition.model.findings import Finding, finding
 from recognition.preprocessing.target_cloud import Scene, TargetCloud
-from recognition.preprocessing.view_selection import MIN_POINTS, MIN_VIEWS
+from recognition.preprocessing.view_selection import MIN_POINTS
 
 Interval = tuple[float, float]
 
+MIN_VIEWS = 2
+"""Minimum number of views that show a covered part of the table. For a scan of a single view, it is 1."""
 MAX_SQUARE_M = 0.01
 """Maximum side of the squares of the table for which coverage is computed, metres. `MAX_SQUARES` has priority."""
 MAX_SQUARES = 120
@@ -47,11 +53,13 @@ class Coverage:
     """Extent of the workspace along y in the base frame, metres."""
     view_count: NDArray[np.int64]
     """(M, N) number of views for each of M by N squares along x and y."""
+    min_views: int = MIN_VIEWS
+    """Minimum number of views that show a covered square."""
 
     @property
     def is_covered(self) -> NDArray[np.bool_]:
-        """(M, N) mask, True for squares that at least `MIN_VIEWS` views show."""
-        return self.view_count >= MIN_VIEWS
+        """(M, N) mask, True for squares that at least `min_views` views show."""
+        return self.view_count >= self.min_views
 
     @property
     def covered_share(self) -> float:
@@ -59,7 +67,9 @@ class Coverage:
         return float(self.is_covered.mean())
 
 
-def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interval, table_z_m: float) -> Coverage:
+def table_coverage(
+    frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interval, table_z_m: float, n_views: int = MIN_VIEWS
+) -> Coverage:
     """Return the number of views that show each square of the table.
 
     A view shows a square if the centre of the square is in front of the camera and projects into the image. Occlusion
@@ -70,6 +80,7 @@ def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interv
         x_m: Extent of the workspace along x in the base frame, metres.
         y_m: Extent of the workspace along y in the base frame, metres.
         table_z_m: Height of the table plane in the base frame, metres.
+        n_views: Number of views of the scan, with those that cannot be used.
 
     Returns:
         The coverage of the table in the workspace.
@@ -83,11 +94,11 @@ def table_coverage(frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interv
         H_x, H_y, H_1 = H.T
         u, v, w = (np.add.outer(H_x[k] * x + H_1[k], H_y[k] * y) for k in range(3))
         view_count += (w > 0) & (u >= 0) & (u <= (frustum.width - 1) * w) & (v >= 0) & (v <= (frustum.height - 1) * w)
-    return Coverage(x_m, y_m, view_count)
+    return Coverage(x_m, y_m, view_count, min(n_views, MIN_VIEWS))
 
 
 def coverage_message(coverage: Coverage) -> str | None:
-    """Return a message about the part of the table that fewer than `MIN_VIEWS` views show.
+    """Return a message about the part of the table that fewer than `coverage.min_views` views show.
 
     Args:
         coverage: Coverage of the table in the workspace.
@@ -99,14 +110,15 @@ def coverage_message(coverage: Coverage) -> str | None:
     if share <= MIN_REPORTED_SHARE:
         return None
     area_cm2 = 1e4 * share * (coverage.x_m[1] - coverage.x_m[0]) * (coverage.y_m[1] - coverage.y_m[0])
+    seen_in = "no view" if coverage.min_views == 1 else f"fewer than {coverage.min_views} views"
     return (
-        f"{100 * share:.0f} % of the table in the workspace ({area_cm2:.0f} cm2) is in fewer than {MIN_VIEWS} views, "
+        f"{100 * share:.0f} % of the table in the workspace ({area_cm2:.0f} cm2) is in {seen_in}, "
         f"and strings there may be missed or cut short; {_describe_extent(coverage)}"
     )
 
 
 def coverage_findings(targets: Iterable[TargetCloud], used: Collection[int], scene: Scene) -> list[Finding]:
-    """Return the finding on the part of the table that fewer than `MIN_VIEWS` views of a scan show.
+    """Return the finding on the part of the table that too few views of a scan show.
 
     Views that measured the table but no string are counted too, because they would have shown a string.
 
@@ -120,14 +132,14 @@ def coverage_findings(targets: Iterable[TargetCloud], used: Collection[int], sce
     """
     if scene.workspace_m is None:
         return []
-    frustums = []
+    targets, frustums = list(targets), []
     for target in targets:
         saw_only_table = target.n_in_workspace >= MIN_POINTS > len(target.points)
         if target.image is not None and (target.view in used or saw_only_table):
             height, width = target.image.depth.shape
             frustums.append(CameraFrustum(target.image.K, width, height, target.T_base_camera))
     x_m, y_m, _ = scene.workspace_m
-    coverage = table_coverage(frustums, x_m, y_m, scene.table_z_m)
+    coverage = table_coverage(frustums, x_m, y_m, scene.table_z_m, len(targets))
     message = coverage_message(coverage)
     if message is None:
         return []

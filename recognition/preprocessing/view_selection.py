@@ -7,8 +7,6 @@ from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedE
 from recognition.model.quality import ExclusionReason, ViewQuality
 from recognition.preprocessing.target_cloud import TargetCloud
 
-MIN_VIEWS = 2
-"""Minimum number of views. A single view shows only one side of a string, and nothing under a crossing."""
 CROWDED_SHARE = 0.8
 """Maximum share of the points of a view that are above the table. With a larger share, the table height is too low."""
 MIN_POINTS = 50
@@ -37,15 +35,12 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
         The used views, the excluded views, and the reason if there is no string.
 
     Raises:
-        InsufficientViewsError: Fewer than two views were given, fewer than two views measured anything in the
-            workspace, or only one view shows a string.
+        InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         NoDepthError: No view measured anything in the workspace.
         TooCrowdedError: In most views, nearly all points are above the table.
     """
-    if len(targets) < MIN_VIEWS:
-        raise InsufficientViewsError(
-            f"{len(targets)} view{'s' * (len(targets) != 1)} given; at least {MIN_VIEWS} are needed"
-        )
+    if not targets:
+        raise InsufficientViewsError("no view was given; at least one is needed")
     reasons = {target.view: exclusion_reason(target) for target in targets}
     excluded = tuple(
         ViewQuality(target.view, False, reason.message, len(target.points), code=reason.code)
@@ -59,10 +54,6 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
             f"no view measured anything in the workspace ({details}). "
             "Check the camera, the table height and the workspace"
         )
-    if len(measuring) < MIN_VIEWS:
-        raise InsufficientViewsError(
-            f"only view {measuring[0].view} measured anything in the workspace; at least {MIN_VIEWS} are needed"
-        )
     used = [target for target in targets if reasons[target.view] is None]
     crowded = [target for target in used if len(target.points) > CROWDED_SHARE * target.n_in_workspace]
     if len(crowded) > len(used) / 2:
@@ -71,13 +62,14 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
             f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and most other "
             "views show the same: check the table height and the workspace"
         )
-    if len(used) >= MIN_VIEWS:
-        return ViewSelection(used, excluded, None)
-    if used:
+    n_bare = len(measuring) - len(used)
+    if len(used) == 1 and n_bare:
         raise InsufficientViewsError(
-            f"only view {used[0].view} sees anything above the table, the other {len(targets) - 1} do not: "
-            "the views do not agree, so no model is made"
+            f"only view {used[0].view} sees anything above the table, the other {n_bare} that measured the table do "
+            "not: the views do not agree, so no model is made"
         )
+    if used:
+        return ViewSelection(used, excluded, None)
     return ViewSelection(
         (),
         excluded,

@@ -32,7 +32,7 @@ def evaluate_fitness(
         parameters: Method parameters; uses the radius r.
 
     Returns:
-        One item for each view, in the order of `registered`.
+        One item for each view, in the order of `registered`. A single view has no fitness.
     """
     # Move the anchor points to the unregistered clouds, because the search trees of these clouds exist already.
     T_unregistered = [
@@ -58,10 +58,11 @@ def evaluate_fitness(
         offset = points[nearer] - other.points[partner]
         nearest_distance[nearer] = distance
         residual[nearer] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
+    n_compared = np.diff(ends, prepend=0) * (len(registered) > 1)
     own = [slice(end - len(chosen), end) for end, chosen in zip(ends, anchors, strict=True)]
     return [
-        _view_quality(view, residual[rows][np.isfinite(nearest_distance[rows])], rows.stop - rows.start)
-        for view, rows in zip(registered, own, strict=True)
+        _view_quality(view, residual[rows][np.isfinite(nearest_distance[rows])], int(compared))
+        for view, rows, compared in zip(registered, own, n_compared, strict=True)
     ]
 
 
@@ -74,15 +75,15 @@ def _partners(n_views: int) -> NDArray[np.bool_]:
     return is_partner
 
 
-def _view_quality(view: NormalCloud, residuals: NDArray[np.float64], n_anchors: int) -> ViewQuality:
-    """Return the quality of a view from the residuals of the anchor points that fit."""
+def _view_quality(view: NormalCloud, residuals: NDArray[np.float64], n_compared: int) -> ViewQuality:
+    """Return the quality of a view from the residuals of the fitting ones of `n_compared` anchor points."""
     mean_point = view.points.mean(axis=0)
     return ViewQuality(
         index=view.view,
         used=True,
         reason=None,
         points=len(view.points),
-        fitness=len(residuals) / n_anchors,
+        fitness=len(residuals) / n_compared if n_compared else None,
         rms_m=float(np.sqrt(np.mean(residuals**2))) if len(residuals) else None,
         correction_m=float(np.linalg.norm(mean_point - transform_points(inverse(view.T_correction), mean_point))),
         correction_rad=rotation_angle(view.T_correction),

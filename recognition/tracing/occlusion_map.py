@@ -1,10 +1,13 @@
-"""Occlusion map of the measured surface: shows where another strand lies over a point and where the table is bare."""
+"""Occlusion map of the measured surface: shows where another strand hides a point and where the table is bare."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
+
+from recognition.preprocessing.normals import NormalCloud
 
 MIN_ABOVE_RADII = 1.5
 """Minimum height of another strand's surface above a point of the centre line, in radii r.
@@ -15,31 +18,38 @@ SEARCH_RADII = 0.8
 """Maximum horizontal distance between a point and the surface that is examined, in radii r."""
 MIN_OCCLUDED_SHARE = 0.1
 """Minimum share of high points in the surface near an occluded point. With a smaller share, these points are noise."""
+MIN_BEFORE_RADII = 1.5
+"""Minimum distance, along the line of sight, of the surface that hides a point of the centre line from a view, in radii
+r. The surface of the point's own strand is 1 r before it."""
 
 
 @dataclass(frozen=True, eq=False)
 class Occlusion:
-    """Masks of the points that are occluded and of the points over bare table, seen from above."""
+    """Masks of the points that are occluded and of the points over bare table."""
 
     is_occluded: NDArray[np.bool_]
-    """(N,) mask, True where another strand lies over the point."""
+    """(N,) mask, True where another strand lies over the point, or hides it from all views."""
     is_uncovered: NDArray[np.bool_]
-    """(N,) mask, True where no surface above the table was measured near the point. The table is taken to be bare."""
+    """(N,) mask, True where no surface above the table was measured near the point, and a view could have measured it.
+    The table is taken to be bare."""
 
 
 class OcclusionMap:
-    """Measured surface above the table, seen from above.
+    """Measured surface above the table, seen from above and from the cameras.
 
     Args:
         surface: (M, 3) registered surface points, metres, base frame.
+        views: Registered views. A single oblique view does not show what is behind a strand. Without views, only what
+            lies under a strand is occluded.
     """
 
-    def __init__(self, surface: NDArray[np.float64]) -> None:
+    def __init__(self, surface: NDArray[np.float64], views: Sequence[NormalCloud] = ()) -> None:
         self.surface = surface
+        self._views = views
         self._tree = KDTree(surface[:, :2])
 
     def occlusion(self, points: NDArray[np.float64], r: float) -> Occlusion:
-        """Return which points of a centre line lie under another strand, and which lie over bare table.
+        """Return which points of a centre line another strand hides, and which lie over bare table.
 
         Args:
             points: (N, 3) points of the centre line, metres, base frame.
@@ -53,4 +63,29 @@ class OcclusionMap:
         counts = np.bincount(row, minlength=len(points))
         is_high = self.surface[column, 2] > points[row, 2] + MIN_ABOVE_RADII * r
         is_occluded = np.bincount(row, is_high, len(points)) > MIN_OCCLUDED_SHARE * np.maximum(counts, 1)
-        return Occlusion(is_occluded, is_uncovered=counts == 0)
+        is_hidden = self._is_hidden(points, r)
+        return Occlusion(is_occluded | is_hidden, is_uncovered=(counts == 0) & ~is_hidden)
+
+    def _is_hidden(self, points: NDArray[np.float64], r: float) -> NDArray[np.bool_]:
+        """Return the mask (N,) of the points that every view measured something before. Without views, it is False."""
+        hidden = np.arange(len(points) if self._views else 0)
+        for view in self._views:
+            if len(hidden):
+                hidden = hidden[_is_hidden_from(view, points[hidden], MIN_BEFORE_RADII * r)]
+        mask = np.zeros(len(points), dtype=np.bool_)
+        mask[hidden] = True
+        return mask
+
+
+def _is_hidden_from(view: NormalCloud, points: NDArray[np.float64], min_before_m: float) -> NDArray[np.bool_]:
+    """Return the mask (N,) of the points that have measured surface before them in a view."""
+    if view.image is None or view.T_base_camera is None:
+        return np.zeros(len(points), dtype=np.bool_)
+    depth = view.image.depth
+    x, y, z = ((points - view.T_base_camera[:3, 3]) @ view.T_base_camera[:3, :3]).T
+    K, in_front = view.image.K, np.maximum(z, 1e-6)
+    u, v = np.floor((K[0, 0] * x / in_front + K[0, 2] + 0.5, K[1, 1] * y / in_front + K[1, 2] + 0.5))
+    is_inside = (z > 0) & (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])
+    row, column = np.where(is_inside, v, 0).astype(np.intp), np.where(is_inside, u, 0).astype(np.intp)
+    measured = depth[row, column] * view.image.depth_unit_m
+    return is_inside & (measured > 0) & (measured < z - min_before_m)

@@ -107,5 +107,5 @@ Recording = Annotated[RecordingRow, Depends(_recording)]
 Limit = Annotated[int, Query(ge=1, le=500, description="Maximum number of items in the answer")]
 Before = Annotated[str | None, Query(pattern=ID_PATTERN, description="Id of an item; only older items are listed")]
 ViewCount = Annotated[
-    ScanViews | None, Query(description='Number of viewpoints from 2 to 32, or "auto"; default: as configured')
+    ScanViews | None, Query(description='Number of viewpoints from 1 to 32, or "auto"; default: as configured')
 ]

@@ -262,7 +262,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "insufficient-views": ProblemType(
         title="Too few usable views",
         status=422,
-        cause="Fewer views can be used than are needed: the camera failed, or fewer than two views see the string.",
+        cause="Fewer views can be used than are needed: the camera failed, or only one of several views of the table "
+        "shows the string.",
         action="Read `detail` for the reasons. Check string, table and camera and scan again; an uploaded recording "
         "may be incomplete, see its `missing`.",
         group="Check string and table",

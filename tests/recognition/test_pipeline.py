@@ -304,16 +304,43 @@ def test_a_view_without_depth_is_excluded_and_reported(
     assert len(model.chains) >= 1
 
 
-def test_too_few_views_and_views_without_depth_are_errors(
+def test_a_single_view_gives_a_model_with_a_larger_sigma(table_1: ChainParameters) -> None:
+    camera = camera_model("ideal", (320, 200))
+    scan = simulate(make_scene("loop", 1), camera, 1, views=3, workspace_half_m=0.12)
+    shown = Scene(0.0, scan.header.workspace_m)
+    all_views, one_view = (recognise(views, table_1, shown).model for views in (scan.views, scan.views[1:2]))
+    assert one_view.gauss_code() == all_views.gauss_code()
+    assert one_view.quality.verdict == "accept"
+    (chain,), (usual,) = one_view.chains, all_views.chains
+    assert set(chain.views.tolist()) == {0, 1}, "the lower strand is hidden at the crossing"
+    assert np.median(chain.sigma_m) > 2 * np.median(usual.sigma_m)
+    (note,) = (found for found in one_view.quality.findings if found.code == "single-view")
+    assert (note.severity, note.view) == ("note", 1)
+    assert "single-view" not in {found.code for found in all_views.quality.findings}
+    (view,) = one_view.quality.views
+    assert (view.used, view.fitness, view.rms_m) == (True, None, None)
+
+
+def test_ends_that_a_single_view_hides_are_unobserved(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
-    with pytest.raises(InsufficientViewsError, match="1 view given"):
-        recognise(scan.views[:1], table_1, scene)
-    with pytest.raises(InsufficientViewsError, match="0 views given"):
+    # This view is oblique and coarse. It hides so much of the lower strand that its two parts are not joined.
+    model = recognise(scan.views[:1], table_1, scene).model
+    assert sorted(chain.ends for chain in model.chains) == [("free", "unobserved"), ("unobserved", "free")]
+    assert model.quality.verdict == "review"
+    assert [found.code for found in model.quality.doubts].count("end-unobserved") == 2
+
+
+def test_no_views_and_views_without_depth_are_errors(
+    scan: SimulatedScan, scene: Scene, table_1: ChainParameters
+) -> None:
+    with pytest.raises(InsufficientViewsError, match="no view was given"):
         recognise([], table_1, scene)
     blind = [replace(view, depth=np.zeros_like(view.depth)) for view in scan.views]
     with pytest.raises(NoDepthError, match="no view measured anything in the workspace"):
         recognise(blind, table_1, scene)
+    with pytest.raises(NoDepthError, match="view 0: no pixel has a depth"):
+        recognise(blind[:1], table_1, scene)
     saturated = [replace(view, depth=np.full_like(view.depth, 65535)) for view in scan.views]
     with pytest.raises(NoDepthError, match="no view measured anything in the workspace"):
         recognise(saturated, table_1, scene)

@@ -10,7 +10,7 @@ from cell.devices import View
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition.errors import InsufficientViewsError
+from recognition.errors import NoDepthError
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import DepthView, Scene
@@ -91,7 +91,7 @@ def test_views_that_cannot_be_recognised_yet_are_a_doubt() -> None:
 
     model = recognise_after_each_view(views(), watcher.recognise_some, watcher.checks.append).model
     assert [check.doubts[0] for check in watcher.checks[:3]] == [
-        "only view 3 measured anything in the workspace; at least 2 are needed",
+        "only 1 view can be used",
         "only 2 views can be used",
         "only 3 views can be used",
     ]
@@ -100,6 +100,7 @@ def test_views_that_cannot_be_recognised_yet_are_a_doubt() -> None:
 
 
 def test_an_error_of_all_views_is_raised() -> None:
-    watcher = Watcher(scanned("figure-eight", 3), order=(3,))
-    with pytest.raises(InsufficientViewsError):
-        watcher.run()
+    watcher = Watcher(scanned("figure-eight", 3))
+    blind = (View(**{**vars(view), "depth": np.zeros_like(view.depth)}) for view in watcher._scan.views)
+    with pytest.raises(NoDepthError):
+        recognise_after_each_view(blind, watcher.recognise_some, watcher.checks.append)

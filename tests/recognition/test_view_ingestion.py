@@ -102,6 +102,8 @@ def test_one_crowded_view_is_excluded_and_most_are_an_error(
     assert "points above the table, more than 100000" in quality.reason
     with pytest.raises(TooCrowdedError):
         ingest_views([first, crowded(second), crowded(third)], table_1, scene)
+    with pytest.raises(TooCrowdedError):
+        ingest_views([first, crowded(second)], table_1, scene)
 
 
 def on_table(height_m: float, tilt_deg: float = 0.0, views: int = 4) -> SimulatedScan:

@@ -207,7 +207,6 @@ def another_lens() -> list[Moment]:
             shifted(3600.0),
             r"any of the 3 depth images: its stamps differ from those of the images by 3594\.0 s; synchronise",
         ),
-        (without("")[:4], r"the arm stands still at 1 poses \(of 1 depth images, 0 were taken in motion"),
         (
             with_nominal_camera_pose(TF),
             r"'camera_.*' in 'tool0', which /tf_static has as fixed, is given with several values, 20.0 mm",

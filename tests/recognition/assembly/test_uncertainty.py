@@ -5,7 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from recognition.assembly.uncertainty import MIN_HIDDEN_BEND_RADII, MIN_SIGMA_M, SYSTEMATIC_SHARE, point_uncertainty
+from recognition.assembly.uncertainty import (
+    MIN_HIDDEN_BEND_RADII,
+    MIN_SIGMA_M,
+    SYSTEMATIC_SHARE,
+    SYSTEMATIC_VIEWS,
+    point_uncertainty,
+)
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
@@ -85,13 +91,30 @@ def test_the_variance_of_the_fit_follows_scatter_and_support(
     excess = [
         point_uncertainty(strand(support=support), taken, scatter)[0] ** 2
         - MIN_SIGMA_M**2
-        - (SYSTEMATIC_SHARE * scatter) ** 2
+        - (SYSTEMATIC_SHARE * scatter) ** 2 * SYSTEMATIC_VIEWS
         for scatter, support in ((0.0002, 40.0), (0.0004, 40.0), (0.0002, 10.0))
     ]
     # Variances go with the scatter's square and with one over the number of points.
     np.testing.assert_allclose(excess[1] / excess[0], 4, rtol=1e-6, atol=0)
     np.testing.assert_allclose(excess[2] / excess[0], 4, rtol=1e-6, atol=0)
     assert excess[0].min() > 0
+
+
+def test_errors_of_neighbouring_pixels_are_averaged_over_the_views_only(
+    seen: Callable, straight: Callable, registered: Callable
+) -> None:
+    scatter = 0.0003
+
+    def common(number: int) -> float:
+        taken = registered(views(seen, straight, *[0.11] * number), 0.0)
+        sigma, _ = point_uncertainty(strand(support=1e12), taken, scatter)
+        return float(sigma[10] ** 2 - MIN_SIGMA_M**2)
+
+    # A single view has nearly all of the scatter, however many of its pixels are beside the point.
+    assert common(1) == pytest.approx(scatter**2, rel=0.05)
+    for number in (2, 4, 8):
+        assert common(number) == pytest.approx(common(1) / number, rel=1e-6)
+    assert common(9) == pytest.approx(common(8), rel=1e-6)
 
 
 def test_bridges_are_less_certain_towards_their_middle(

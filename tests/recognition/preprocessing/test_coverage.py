@@ -28,6 +28,7 @@ from recognition.preprocessing.coverage import (
 )
 from recognition.preprocessing.target_cloud import Scene, preprocess
 
+BOX = ((-0.12, 0.12), (-0.12, 0.12), (0.0, 0.12))
 K = np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]])
 
 
@@ -155,10 +156,10 @@ def scan() -> SimulatedScan:
     return simulate(make_scene("loop", 1), camera_model("oak-d-pro", (320, 200)), 1, views=4)
 
 
-def uncovered(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: int = 4) -> list[Finding]:
+def uncovered(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: slice = slice(4)) -> list[Finding]:
     box = None if workspace_m is None else (workspace_m, workspace_m, (0.0, 0.12))
     parameters = ChainParameters.for_radius(scan.header.string_radius_m or 0.0042)
-    model = recognise(scan.views[:views], parameters, Scene(0.0, box)).model
+    model = recognise(scan.views[views], parameters, Scene(0.0, box)).model
     assert len(model.chains) == 1
     return [found for found in model.quality.findings if found.code == "table-not-covered"]
 
@@ -175,8 +176,18 @@ def test_a_model_has_a_doubt_about_the_part_that_its_views_do_not_show(scan: Sim
     assert float(doubt.message.split(" %")[0]) == pytest.approx(100 * (1 - share), abs=1.0)
 
 
+def test_a_scan_of_one_view_covers_what_this_view_shows(scan: SimulatedScan) -> None:
+    assert uncovered(scan, (-0.12, 0.12), views=slice(1, 2)) == []
+    (doubt,) = uncovered(scan, (-0.6, 0.6), views=slice(1, 2))
+    assert " is in no view, " in doubt.message
+    blind = [replace(view, depth=np.zeros_like(view.depth)) for view in scan.views[2:3]]
+    model = recognise([scan.views[1], *blind], ChainParameters.for_radius(0.0042), Scene(0.0, BOX)).model
+    (doubt,) = (found for found in model.quality.doubts if found.code == "table-not-covered")
+    assert "100 % of the table" in doubt.message, "a second view was to check the first one"
+
+
 def test_a_missing_view_reduces_coverage(scan: SimulatedScan) -> None:
-    every, fewer = (uncovered(scan, (-0.6, 0.6), views)[0].value or 0.0 for views in (4, 2))
+    every, fewer = (uncovered(scan, (-0.6, 0.6), slice(views))[0].value or 0.0 for views in (4, 2))
     assert fewer > every + 0.02
 
 

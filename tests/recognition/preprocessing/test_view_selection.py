@@ -63,10 +63,34 @@ def test_an_empty_table_seen_from_straight_above_is_no_stuck_sensor() -> None:
     assert selection.no_string_reason.startswith("no string of this radius in view")
 
 
-@pytest.mark.parametrize(("count", "message"), [(0, "0 views given"), (1, "1 view given")])
-def test_too_few_views_are_an_error(count: int, message: str) -> None:
-    with pytest.raises(InsufficientViewsError, match=f"{message}; at least 2 are needed"):
-        select_views([target(k) for k in range(count)])
+def test_no_view_is_an_error() -> None:
+    with pytest.raises(InsufficientViewsError, match="no view was given; at least one is needed"):
+        select_views([])
+
+
+def test_one_view_is_enough() -> None:
+    selection = select_views([target(3)])
+    assert ([used.view for used in selection.used], selection.excluded) == ([3], ())
+    assert selection.no_string_reason is None
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (target(0, 0, 0, 0), "view 0: no pixel has a depth"),
+        (target(0, 500, 9000, 9000, constant=True), "view 0: every pixel"),
+        (target(0, 0, 10), "view 0: nothing measured in the workspace"),
+    ],
+)
+def test_a_single_bad_view_is_an_error_with_its_reason(bad: TargetCloud, reason: str) -> None:
+    with pytest.raises(NoDepthError, match=reason):
+        select_views([bad])
+
+
+def test_a_single_view_of_a_table_without_a_string_is_a_valid_answer() -> None:
+    selection = select_views([target(0, points=0)])
+    assert selection.used == ()
+    assert (selection.no_string_reason or "").startswith("no string of this radius in view")
 
 
 def test_no_depth_anywhere_is_an_error_with_the_reason_of_each_view() -> None:
@@ -77,14 +101,15 @@ def test_no_depth_anywhere_is_an_error_with_the_reason_of_each_view() -> None:
         assert reason in str(caught.value)
 
 
-def test_one_view_of_the_workspace_is_too_few() -> None:
-    with pytest.raises(InsufficientViewsError, match="only view 4 measured anything in the workspace"):
-        select_views([target(3, 0, 0, 0), target(4)])
+def test_the_only_view_that_measured_the_workspace_is_used() -> None:
+    selection = select_views([target(3, 0, 0, 0), target(4), target(5, 0, 10)])
+    assert [used.view for used in selection.used] == [4]
+    assert [quality.code for quality in selection.excluded] == ["view-without-depth", "view-outside-workspace"]
 
 
-def test_a_string_in_only_one_view_is_an_error() -> None:
-    with pytest.raises(InsufficientViewsError, match="only view 5 sees anything above the table, the other 2 do not"):
-        select_views([target(4, points=0), target(5), target(6, points=0)])
+def test_a_string_in_only_one_view_of_the_table_is_an_error() -> None:
+    with pytest.raises(InsufficientViewsError, match="only view 5 sees anything above the table, the other 2 that"):
+        select_views([target(4, points=0), target(5), target(6, points=0), target(7, 0, 0, 0)])
 
 
 def test_the_errors_have_different_slugs() -> None:

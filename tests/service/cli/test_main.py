@@ -142,12 +142,14 @@ def test_an_unknown_radius_is_measured(
     assert chain["radius_m"] == pytest.approx(0.0042, rel=0.05)
 
 
-def test_one_view_is_rejected(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
+def test_one_view_is_recognised(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:
     recording = read_recording(recording_file)
     path = write(tmp_path / "one.mcap", recording.header, recording.views[:1])
     code, (document,), _ = run(capsys, "recognise", path)
-    assert code == 1
-    assert document["error"]["type"] == "urn:pointchain:insufficient-views"
+    assert code == 0
+    (chain,) = document["chains"]
+    assert max(chain["views"]) == 1
+    assert "single-view" in {found["code"] for found in document["quality"]["findings"]}
 
 
 def test_views_without_depth_are_rejected(

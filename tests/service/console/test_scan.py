@@ -112,7 +112,7 @@ def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: 
     expect(refused).to_have_count(0)
     expect(scan).to_be_enabled()
     page.get_by_role("textbox", name="Viewpoints").fill("2.5")
-    expect(page.get_by_text("Enter a whole number from 2 to 32")).to_be_visible()
+    expect(page.get_by_text("Enter a whole number from 1 to 32")).to_be_visible()
     expect(scan).to_be_disabled()
 
 

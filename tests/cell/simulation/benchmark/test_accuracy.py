@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,12 +48,14 @@ def test_a_case_gives_the_same_results_twice(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_refused_case_counts_as_wrong_and_has_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     scan = simulated(views=1)
+    (view,) = scan.views
+    scan = replace(scan, views=(replace(view, depth=np.zeros_like(view.depth)),))
     monkeypatch.setattr(cases, "simulate", lambda case: scan)
     results = run_case(("paper", 0))
     for result in results:
         assert result.score is None
         assert result.refused is not None
-        assert result.refused.startswith("insufficient-views: ")
+        assert result.refused.startswith("no-depth: ")
     for summary in summarise(results)["paper"].values():
         assert (summary.n, summary.topology, summary.refused, summary.cover) == (1, 0.0, 1, 0.0)
         assert summary.mean_mm is None

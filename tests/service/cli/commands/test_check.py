@@ -173,7 +173,7 @@ def test_an_impossible_number_of_views_is_rejected(views: str, capsys: pytest.Ca
     with pytest.raises(SystemExit) as raised:
         main(["viewpoints", f"--views={views}"])
     assert raised.value.code == 2
-    assert 'a whole number from 2 to 32 or "auto" is needed' in capsys.readouterr().err
+    assert 'a whole number from 1 to 32 or "auto" is needed' in capsys.readouterr().err
 
 
 def test_viewpoints_need_a_calibration(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:

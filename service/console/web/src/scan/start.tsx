@@ -30,7 +30,7 @@ export function Start({ action }: { action: Action }) {
   const configured = geometry.value?.scan.views;
   const usual = configured === "auto" ? DEFAULT_VIEWPOINTS : configured;
   const quick = form.quick.value ?? configured === "auto";
-  const number = parseNumber(quick ? "" : form.views.value, { min: 2, max: 32, whole: true });
+  const number = parseNumber(quick ? "" : form.views.value, { min: 1, max: 32, whole: true });
   const views: Views = quick ? "auto" : (number.value ?? usual);
   const obstacle = obstacleText(mode, recording);
   const invalid = radius.fault !== null || (mode === "live" && number.fault !== null);
