@@ -277,7 +277,7 @@ def recognise(
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
         *table_findings(ingested.moved_table, chains),
-        *single_view_findings(registration.views),
+        *single_view_findings(registration.views, ingested.clouds, chains),
         *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )

@@ -3,9 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.model.quality import ViewQuality
+from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.registration import Registration
 
 
@@ -41,14 +44,19 @@ def drift_findings(registration: Registration, chains: Sequence[Chain]) -> list[
     return [] if drift is None else [replace(drift, chains=tuple(chain.id for chain in chains))]
 
 
-def single_view_findings(views: Sequence[ViewQuality]) -> list[Finding]:
-    """Return a note if only one view is used, because no other view can contradict it.
+def single_view_findings(
+    views: Sequence[ViewQuality], given: Sequence[NormalCloud], chains: Sequence[Chain]
+) -> list[Finding]:
+    """Return a note if only one view is used, and a doubt if this view was not aligned to the table plane.
 
-    It is not a doubt: `sigma_m` contains the whole error of a good calibration, and a crossing or an end that one view
-    does not decide has a doubt of its own.
+    No other view can contradict a single one. That alone is no doubt: `sigma_m` contains the whole error of a good
+    calibration, and a crossing or an end that one view does not decide has a doubt of its own. The table plane is the
+    only evidence that the camera is where the calibration says. Without it, a camera that has moved would go unnoticed.
 
     Args:
         views: Quality of all views.
+        given: Views before registration.
+        chains: Chains of the model.
     """
     used = [view.index for view in views if view.used]
     if len(used) != 1:
@@ -57,4 +65,13 @@ def single_view_findings(views: Sequence[ViewQuality]) -> list[Finding]:
         f"only view {used[0]} is used: no other view checks its pose, shows whether something moved, or sees what it "
         "hides; the positions depend on the calibration alone"
     )
-    return [finding("single-view", message, view=used[0])]
+    findings = [finding("single-view", message, view=used[0])]
+    is_aligned = any(not np.array_equal(cloud.T_correction, np.eye(4)) for cloud in given if cloud.view == used[0])
+    if not is_aligned:
+        message = (
+            f"view {used[0]}, the only one, shows too little of the table or shows it elsewhere: the camera may have "
+            "moved; check the table height and verify the calibration"
+        )
+        ids = [chain.id for chain in chains]
+        findings.append(finding("single-view-not-aligned", message, chains=ids, view=used[0]))
+    return findings

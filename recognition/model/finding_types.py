@@ -40,6 +40,7 @@ FindingCode = Literal[
     "scene-changed",
     "calibration-drift",
     "table-elsewhere",
+    "single-view-not-aligned",
     "pointchain-1",
     "end-at-border",
     "radius-smaller",
@@ -233,6 +234,13 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Correct the table height or level the table. If it is where it is given, calibrate again.",
         decision="ask a person",
         value="distance of the measured from the given table, in sigmas of the pose errors",
+    ),
+    "single-view-not-aligned": FindingType(
+        severity="doubt",
+        scope="chain",
+        meaning="The only view shows too little of the table, or shows it elsewhere. The camera may have moved.",
+        action="Do not act on positions. Check the table height and verify the calibration, or scan from more views.",
+        decision="ask a person",
     ),
     "pointchain-1": FindingType(
         severity="doubt",

@@ -266,6 +266,13 @@ def wrong_pose() -> Sequence[Finding]:
     )
 
 
+def bumped() -> Sequence[Finding]:
+    """The fixed camera was tilted by 1.7 degrees after its calibration."""
+    T_error = from_rotation_vector((0, 0, 0), (0.03, 0, 0))
+    (view, *_) = one_string().views
+    return findings_of(one_string(), views=[replace(view, T_flange_camera=view.T_flange_camera @ T_error)])
+
+
 PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "sharp-bend": sharp_bend,
     "connection-uncertain": hidden_junction,
@@ -301,6 +308,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "more-pieces": many_short_pieces,
     "unexplained-surface": many_short_pieces,
     "more-unexplained-surface": many_short_pieces,
+    "single-view-not-aligned": bumped,
     "single-view": lambda: findings_of(one_string(), views=one_string().views[:1]),
     "view-without-depth": excluded(with_depth(0)),
     "view-outside-workspace": excluded(with_depth(60000)),
@@ -363,6 +371,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "more-pieces": has("value"),
     "unexplained-surface": has("point value limit", "above"),
     "more-unexplained-surface": has("value"),
+    "single-view-not-aligned": has("chains view"),
     "single-view": has("view"),
     "view-without-depth": has("view"),
     "view-outside-workspace": has("view"),
