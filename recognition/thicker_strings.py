@@ -38,6 +38,8 @@ Points = NDArray[np.float64]
 MIN_POINTS = 500
 """Minimum number of surface points on no string. A string of the minimum length with twice the radius r has about 1100;
 noise around strings has fewer."""
+SAMPLE_STRIDE = 4
+"""Stride of the surface points in the first count of this surface. It saves time where there is none."""
 MIN_THICKER_SHARE = 1.25
 """Minimum radius of a thicker string, in radii r. The first pass finds strings of up to 1.5 r."""
 MAX_PASSES = 3
@@ -134,6 +136,9 @@ def _radius_of_rest(
     surface: Points, known: Sequence[FittedStrand], support: SupportSurface, parameters: ChainParameters
 ) -> float | None:
     """Return the radius of the strings in the rest of the surface, metres; None if the rest shows no thicker string."""
+    sample = surface[::SAMPLE_STRIDE]
+    if np.count_nonzero(_distance_radii(sample, known, parameters.r) > FAR_RADII) * SAMPLE_STRIDE < MIN_POINTS:
+        return None
     rest = surface[_distance_radii(surface, known, parameters.r) > FAR_RADII]
     rest = rest[rest[:, 2] - support.table_z_m < MAX_HEIGHT_M]
     if len(rest) < MIN_POINTS:
