@@ -133,24 +133,22 @@ def locate_table(
         return None
     sigmas = sigmas or PoseSigmas()
     centre = np.append(np.median([plane.centre[:2] for plane in planes], axis=0), table_z_m)
-    equations = [_equation(plane, centre, sigmas) for plane in planes]
+    G, y = _equations(planes, centre, sigmas)
     min_views = max(len(planes) // 2 + 1, MIN_VIEWS)
+    prior = np.zeros((3 + N_SHARED, 3 + N_SHARED))
+    prior[3:, 3:] = sigmas.shared_information
     while True:
-        information = np.zeros((3 + N_SHARED, 3 + N_SHARED))
-        information[3:, 3:] = sigmas.shared_information
-        vector = np.zeros(len(information))
-        for G, y in equations:
-            information += G.T @ G
-            vector += G.T @ y
-        state = np.linalg.solve(information, vector)
-        squares = np.array([np.sum((y - G @ state) ** 2) for G, y in equations])
+        stacked = G.reshape(-1, 3 + N_SHARED)
+        information = prior + stacked.T @ stacked
+        state = np.linalg.solve(information, stacked.T @ y.ravel())
+        squares = np.sum((y - G @ state) ** 2, axis=1)
         worst = int(squares.argmax())
         limit = MAX_SIGMA**2 * max(float(np.median(squares)) / MEDIAN_CHI2, 1.0)
-        if len(equations) == min_views or squares[worst] < limit:
+        if len(G) == min_views or squares[worst] < limit:
             break
-        del equations[worst]
+        G, y = np.delete(G, worst, axis=0), np.delete(y, worst, axis=0)
     total = float(squares.sum() + state[3:] @ sigmas.shared_information @ state[3:])
-    scale = max(total / (3 * len(equations) - 3), 1.0)
+    scale = max(total / (3 * len(G) - 3), 1.0)
     return MeasuredTable(centre, state[:3], scale * np.linalg.inv(information)[:3, :3])
 
 
@@ -204,24 +202,29 @@ def is_near(T_a: NDArray[np.float64], T_b: NDArray[np.float64], planes: Sequence
     return len(centres) == 0 or abs(float(difference[:, 2].mean())) < MAX_NEAR_M
 
 
-def _equation(
-    plane: ViewPlane, centre: NDArray[np.float64], sigmas: PoseSigmas
+def _equations(
+    planes: Sequence[ViewPlane], centre: NDArray[np.float64], sigmas: PoseSigmas
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (G, y): the plane of the view is `G @ state - y` (3,), in sigmas of the errors of this view.
+    """Return (G, y): the errors of view k are `G[k] @ state - y[k]`, in sigmas, with the shapes (V, 3, 10) and (V, 3).
 
     The state is the offset of the table (3), the hand-eye error (6) and the disparity offset (1).
     """
-    measured = np.array([plane.slope[1], -plane.slope[0], plane.height_at(centre[:2]) - centre[2]])
-    R, lever = plane.T_base_camera[:3, :3], centre - plane.T_base_camera[:3, 3]
+    heights = [plane.height_at(centre[:2]) - centre[2] for plane in planes]
+    measured = np.array([(plane.slope[1], -plane.slope[0], z) for plane, z in zip(planes, heights, strict=True)])
+    T = np.array([plane.T_base_camera for plane in planes])
+    R, lever = T[:, :3, :3], centre - T[:, :3, 3]
     # The true plane is the measured one moved by the pose error, a twist about the camera.
-    by_pose = np.zeros((3, 6))
-    by_pose[:2, :2] = np.eye(2)
-    by_pose[2] = np.concatenate([-cross_matrix(lever)[2], (0.0, 0.0, 1.0)])
+    by_pose = np.zeros((len(planes), 3, 6))
+    by_pose[:, :2, :2] = np.eye(2)
+    by_pose[:, 2, :3], by_pose[:, 2, 5] = -cross_matrix(lever)[:, 2], 1.0
     # A disparity offset moves a point by its depth times its ray. The derivative of the height is the tilt.
-    axis = R[:, 2]
-    by_disparity = np.array([axis[1], -axis[0], lever @ axis]) * lever[2]
-    G = np.column_stack([np.eye(3), -by_pose @ np.kron(np.eye(2), R), -by_disparity])
+    x, y, _ = axis = R[:, :, 2].T
+    by_disparity = np.stack([y, -x, (lever * axis.T).sum(axis=1)], axis=1) * lever[:, 2:]
+    G = np.zeros((len(planes), 3, 3 + N_SHARED))
+    G[:, :, :3] = np.eye(3)
+    G[:, :, 3:6], G[:, :, 6:9], G[:, :, 9] = -by_pose[..., :3] @ R, -by_pose[..., 3:] @ R, -by_disparity
     robot = np.repeat([sigmas.robot_rad, sigmas.robot_m], 3) ** 2
     fit = np.array([sigmas.table_rad, sigmas.table_rad, sigmas.table_m]) ** 2
-    whitening = np.linalg.inv(np.linalg.cholesky(by_pose * robot @ by_pose.T + np.diag(fit)))
-    return whitening @ G, whitening @ measured
+    whitening = np.linalg.inv(np.linalg.cholesky(by_pose * robot @ by_pose.swapaxes(1, 2) + np.diag(fit)))
+    weighted: NDArray[np.float64] = np.einsum("vij,vj->vi", whitening, measured)
+    return np.asarray(whitening @ G, dtype=np.float64), weighted
