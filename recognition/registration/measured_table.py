@@ -140,7 +140,7 @@ def locate_table(
     while True:
         stacked = G.reshape(-1, 3 + N_SHARED)
         information = prior + stacked.T @ stacked
-        state = np.linalg.solve(information, stacked.T @ y.ravel())
+        state = np.asarray(np.linalg.solve(information, stacked.T @ y.ravel()), dtype=np.float64)
         squares = np.sum((y - G @ state) ** 2, axis=1)
         worst = int(squares.argmax())
         limit = MAX_SIGMA**2 * max(float(np.median(squares)) / MEDIAN_CHI2, 1.0)
@@ -149,7 +149,8 @@ def locate_table(
         G, y = np.delete(G, worst, axis=0), np.delete(y, worst, axis=0)
     total = float(squares.sum() + state[3:] @ sigmas.shared_information @ state[3:])
     scale = max(total / (3 * len(G) - 3), 1.0)
-    return MeasuredTable(centre, state[:3], scale * np.linalg.inv(information)[:3, :3])
+    covariance = np.asarray(scale * np.linalg.inv(information)[:3, :3], dtype=np.float64)
+    return MeasuredTable(centre, state[:3], covariance)
 
 
 def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> MeasuredTable | None:
