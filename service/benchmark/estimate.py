@@ -36,6 +36,7 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "noise": (1.5, 2.0),
     "lifted": (1.5, 2.1),
     "few": (0.5, 0.7, 0.8, 1.0),
+    "tight": (3.0,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -59,6 +60,7 @@ GRASP_COSTS: Mapping[str, float] = {
     "noise": 18.0,
     "lifted": 18.0,
     "few": 18.0,
+    "tight": 20.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {
@@ -70,6 +72,7 @@ VIEWS_COSTS: Mapping[str, float] = {
     "photo": 0.6,
     "hard": 3.7,
     "fixtures": 0.8,
+    "tight": 3.0,
 }
 """Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

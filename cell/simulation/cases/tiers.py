@@ -14,6 +14,7 @@ from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
 from cell.simulation.cases.table_tiers import draw_lifted
 from cell.simulation.cases.thin_tier import draw_thin
+from cell.simulation.cases.knot_tiers import draw_knots
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -40,6 +41,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "noise": (20, draw_noisy),
     "lifted": (13, draw_lifted),
     "few": (19, draw_few),
+    "tight": (9, draw_knots),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -86,6 +88,8 @@ def make_case(tier: str, seed: int) -> Case:
       to 2 degrees, or both.
     - `few`: scenes of `paper`, `long` and `many` in turn, with one to four views in turn. A single view has
       a random direction, from 45 degrees to nearly straight down.
+    - `tight`: in turn an overhand knot, a figure-eight knot, and a square knot of two strings, pulled to a core of 6 to
+      12 radii, r = 3, 4 or 5 mm, with tails of 80 to 150 mm.
 
     Args:
         tier: One of `TIERS`.

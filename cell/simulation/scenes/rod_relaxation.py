@@ -56,8 +56,8 @@ def settle(
     x = np.vstack(nodes)
     step = np.repeat([float(np.linalg.norm(np.diff(n, axis=0), axis=1).mean()) for n in nodes], [len(n) for n in nodes])
     before = np.nonzero(string[2:] == string[:-2])[0]
-    bends = _stencil(before, (1.0, -2.0, 1.0), len(x))
-    along = _stencil(np.nonzero(string[1:] == string[:-1])[0], (-1.0, 1.0), len(x))
+    bends = rod_stencil(before, (1.0, -2.0, 1.0), len(x))
+    along = rod_stencil(np.nonzero(string[1:] == string[:-1])[0], (-1.0, 1.0), len(x))
     stiffness = hang_radii**4 / (72 * 2.0)
     bend_weight = stiffness / step[before] ** 3
     rest_turn = set_share * _turns(x, bends, before)
@@ -68,11 +68,11 @@ def settle(
         gradient = np.zeros_like(x)
         gradient[:, 2] = step
         gradient += bends.T @ (bend_weight[:, None] * (bends @ x - rest_turn[:, None] * _across(x, before)))
-        hessian = _each_axis(bending)
+        hessian = rows_of_axes(bending)
         edge = along @ x
         long = np.linalg.norm(edge, axis=1)
         direction = edge / long[:, None]
-        rows = _projected(along, direction)
+        rows = rows_along(along, direction)
         gradient += (rows.T @ (_STRETCH * (long - segment_length))).reshape(-1, 3)
         hessian = hessian + _STRETCH * rows.T @ rows
         touch, depth = contacts(x, string, softness)
@@ -105,7 +105,7 @@ def _across(x: NDArray[np.float64], before: NDArray[np.int64]) -> NDArray[np.flo
     return left / np.linalg.norm(left, axis=1, keepdims=True)
 
 
-def _stencil(first: NDArray[np.int64], weights: tuple[float, ...], count: int):
+def rod_stencil(first: NDArray[np.int64], weights: tuple[float, ...], count: int):
     """Return rows (len(first), count) with `weights` from each of the nodes `first` on."""
     from scipy.sparse import csr_array
 
@@ -116,14 +116,14 @@ def _stencil(first: NDArray[np.int64], weights: tuple[float, ...], count: int):
     )
 
 
-def _each_axis(matrix):
+def rows_of_axes(matrix):
     """Return `matrix` (N, N) of nodes as a matrix (3 N, 3 N) for x, y and z of each node."""
     from scipy.sparse import eye_array, kron
 
     return kron(matrix, eye_array(3), format="csr")
 
 
-def _projected(rows, direction: NDArray[np.float64]):
+def rows_along(rows, direction: NDArray[np.float64]):
     """Return rows (M, N) over nodes as rows (M, 3 N) over their coordinates, each along its direction (M, 3)."""
     from scipy.sparse import csr_array
 

@@ -142,8 +142,9 @@ def test_strings_do_not_overlap(cases: dict[str, list[Case]], tier: str) -> None
     pressed = 0.4 if tier == "soft" else 0.0
     for case in cases[tier]:
         overlap = deepest_overlap(case.scene.curves, case.scene.radii_m)
-        # The clearance is enforced at points 1 mm apart. Between these points, 2 % of 2 r may be missing.
-        assert overlap < pressed + 0.02
+        # The clearance is enforced at points 1 mm apart. Between these points, 2 % of 2 r may be missing. Pulled knots
+        # press their strands together by up to 5 %.
+        assert overlap < pressed + (0.05 if tier == "tight" else 0.02)
         if pressed:
             assert overlap == pytest.approx(pressed, abs=0.02)
 
