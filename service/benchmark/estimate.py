@@ -25,18 +25,18 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "hard": (3.3, 4.6, 2.1),
     "measured": (1.1, 1.6),
     "fixtures": (1.1, 1.4, 1.4, 1.2, 1.2),
-    "clutter": (1.5,),
-    "side": (1.6,),
-    "dense": (7.0,),
-    "thin": (3.0,),
-    "mixed": (2.4,),
+    "tight": (3.0,),
     "ends": (1.6,),
     "branches": (1.7,),
-    "speckle": (1.1, 1.6),
-    "noise": (1.5, 2.0),
+    "mixed": (2.4,),
     "lifted": (1.5, 2.1),
+    "clutter": (1.5,),
+    "speckle": (1.1, 1.6),
+    "side": (1.6,),
+    "dense": (7.0,),
     "few": (0.5, 0.7, 0.8, 1.0),
-    "tight": (3.0,),
+    "noise": (1.5, 2.0),
+    "thin": (3.0,),
 }
 """Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
 GRASP_COSTS: Mapping[str, float] = {
@@ -49,18 +49,18 @@ GRASP_COSTS: Mapping[str, float] = {
     "hard": 20.0,
     "measured": 18.0,
     "fixtures": 18.0,
-    "clutter": 18.0,
-    "side": 18.0,
-    "dense": 18.0,
-    "thin": 18.0,
-    "mixed": 20.0,
+    "tight": 20.0,
     "ends": 20.0,
     "branches": 20.0,
-    "speckle": 18.0,
-    "noise": 18.0,
+    "mixed": 20.0,
     "lifted": 18.0,
+    "clutter": 18.0,
+    "speckle": 18.0,
+    "side": 18.0,
+    "dense": 18.0,
     "few": 18.0,
-    "tight": 20.0,
+    "noise": 18.0,
+    "thin": 18.0,
 }
 """Time of the simulated grasps of one scene of each tier, in units of the probe."""
 VIEWS_COSTS: Mapping[str, float] = {
@@ -72,7 +72,6 @@ VIEWS_COSTS: Mapping[str, float] = {
     "photo": 0.6,
     "hard": 3.7,
     "fixtures": 0.8,
-    "tight": 3.0,
 }
 """Time of both scans of one scene of each tier, in units of the probe."""
 SPEED_STARTS, SPEED_PROBES = 7, 45.0

@@ -10,11 +10,11 @@ from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.end_tiers import draw_branches, draw_ends
 from cell.simulation.cases.few_tiers import draw_few
 from cell.simulation.cases.first_tiers import draw_first
+from cell.simulation.cases.knot_tiers import draw_knots
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
 from cell.simulation.cases.table_tiers import draw_lifted
 from cell.simulation.cases.thin_tier import draw_thin
-from cell.simulation.cases.knot_tiers import draw_knots
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]
@@ -30,18 +30,18 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "hard": (6, draw_first),
     "measured": (7, draw_first),
     "fixtures": (8, draw_first),
-    "clutter": (14, draw_clutter),
-    "side": (16, draw_crowded),
-    "dense": (17, draw_crowded),
-    "thin": (21, draw_thin),
-    "mixed": (12, draw_mixed),
+    "tight": (9, draw_knots),
     "ends": (10, draw_ends),
     "branches": (11, draw_branches),
-    "speckle": (15, draw_noisy),
-    "noise": (20, draw_noisy),
+    "mixed": (12, draw_mixed),
     "lifted": (13, draw_lifted),
+    "clutter": (14, draw_clutter),
+    "speckle": (15, draw_noisy),
+    "side": (16, draw_crowded),
+    "dense": (17, draw_crowded),
     "few": (19, draw_few),
-    "tight": (9, draw_knots),
+    "noise": (20, draw_noisy),
+    "thin": (21, draw_thin),
 }
 """Number and function of each tier. The number is part of the seed of its scenes, so it never changes."""
 
@@ -68,28 +68,28 @@ def make_case(tier: str, seed: int) -> Case:
       reported flange pose.
     - `fixtures`: one string of 0.4 m, r = 3, 4.2 or 5 mm, no or one crossing, with low or thin objects: in turn bars, a
       plate, posts, slots and walls.
-    - `clutter`: one string of 0.4 to 0.5 m, r = 3, 4.2 or 5 mm, up to two crossings, with round objects beside it: in
-      turn one or two pens, a cloth with folds, and posts of clips.
-    - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
-    - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
-    - `thin`: one string of 0.25 m, r = 1 and 1.5 mm in turn, up to two crossings, at 1280x800 from 0.33 to 0.35 m.
-    - `mixed`: two or three strings of 0.3 to 0.5 m with up to four crossings. The given radius is that of the thinnest,
-      3 to 4 mm. The others have 1.25, 1.5 or 2 times this radius.
+    - `tight`: in turn an overhand knot, a figure-eight knot, and a square knot of two strings, pulled to a core of 6 to
+      12 radii, r = 3, 4 or 5 mm, with tails of 80 to 150 mm.
     - `ends`: one or two strings, r = 3, 4.2 or 5 mm, with an end near another end or strand. In turn: end to end with a
       gap of 1 to 4 r, 1 to 3 r beyond a strand over it, beyond a strand under it, below a strand, beside another strand
       and beside the own side (0 to 2 r).
     - `branches`: a string of 0.4 m and one or two that end in its centre line at 40 to 90 degrees, r = 3 to 5 mm, like
       a moulded cable harness.
-    - `speckle`: scenes of `paper` and `long` in turn. The strings lose 30 to 60 % of their pixels, independently or in
-      small blobs.
-    - `noise`: scenes of `paper` and `long` in turn, with 1 to 4 times the errors of real cameras. Recognition must
-      refuse the noisiest ones.
+    - `mixed`: two or three strings of 0.3 to 0.5 m with up to four crossings. The given radius is that of the thinnest,
+      3 to 4 mm. The others have 1.25, 1.5 or 2 times this radius.
     - `lifted`: scenes of `paper` and `long` in turn, on a table 2 to 10 mm lower or higher than stated, tilted by 0.3
       to 2 degrees, or both.
+    - `clutter`: one string of 0.4 to 0.5 m, r = 3, 4.2 or 5 mm, up to two crossings, with round objects beside it: in
+      turn one or two pens, a cloth with folds, and posts of clips.
+    - `speckle`: scenes of `paper` and `long` in turn. The strings lose 30 to 60 % of their pixels, independently or in
+      small blobs.
+    - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
+    - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
     - `few`: scenes of `paper`, `long` and `many` in turn, with one to four views in turn. A single view has
       a random direction, from 45 degrees to nearly straight down.
-    - `tight`: in turn an overhand knot, a figure-eight knot, and a square knot of two strings, pulled to a core of 6 to
-      12 radii, r = 3, 4 or 5 mm, with tails of 80 to 150 mm.
+    - `noise`: scenes of `paper` and `long` in turn, with 1 to 4 times the errors of real cameras. Recognition must
+      refuse the noisiest ones.
+    - `thin`: one string of 0.25 m, r = 1 and 1.5 mm in turn, up to two crossings, at 1280x800 from 0.33 to 0.35 m.
 
     Args:
         tier: One of `TIERS`.
