@@ -34,6 +34,12 @@ MAX_GRAZING_RADII = 6.0
 
 The unit is the radius of the thicker strand. At a grazing contact, the strands lie side by side and do not cross.
 """
+MAX_GRAZING_RAD = math.radians(30)
+"""Maximum angle between the strands at each of these two crossings, radians.
+
+Strands that lie side by side are nearly parallel. In a tight knot, strands cross twice within this length, and their
+hidden heights may be too inaccurate to tell them apart.
+"""
 MAX_UNDECIDED_CONFIDENCE = 0.6
 """Maximum confidence of a crossing if it is flat, or if the views contradict the heights of its strands."""
 
@@ -117,8 +123,7 @@ def _make_crossing(
     seen from above. Otherwise it is -1.
     """
     over = int(heights.argmax())
-    a, b = intersection.directions[over], intersection.directions[1 - over]
-    turn = float(planar_cross(a, b))
+    turn = float(planar_cross(intersection.directions[over], intersection.directions[1 - over]))
     upper, lower = (StrandPoint(intersection.strands[k], intersection.s_m[k]) for k in (over, 1 - over))
     return Crossing(
         id=number,
@@ -126,10 +131,16 @@ def _make_crossing(
         over=upper,
         under=lower,
         gap_m=float(np.ptp(heights)),
-        angle_rad=float(np.arctan2(abs(turn), abs(a @ b))),
+        angle_rad=_angle_rad(intersection),
         sign=1 if turn > 0 else -1,
         confidence=confidence,
     )
+
+
+def _angle_rad(intersection: Intersection) -> float:
+    """Return the angle between the strands at an intersection, seen from above, 0 to pi / 2."""
+    a, b = intersection.directions
+    return float(np.arctan2(abs(float(planar_cross(a, b))), abs(a @ b)))
 
 
 def _uncertain_crossing(crossing: Crossing, is_contradicted: bool) -> Finding:
@@ -211,8 +222,8 @@ def _is_flat(intersection: Intersection, chains: Sequence[Chain]) -> bool:
 
 
 def _is_same_contact(one: Intersection, other: Intersection, chains: Sequence[Chain]) -> bool:
-    """Return whether two intersections have the same strands and are close together along each strand."""
-    if one.strands != other.strands:
+    """Return whether two intersections have the same nearly parallel strands and are close together along each."""
+    if one.strands != other.strands or max(map(_angle_rad, (one, other))) > MAX_GRAZING_RAD:
         return False
     distances = [
         ChainInterpolator(chains[strand]).distance(np.array(s), t)

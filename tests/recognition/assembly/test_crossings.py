@@ -303,6 +303,17 @@ def test_a_grazing_contact_is_no_crossing(straight: Callable) -> None:
     assert is_empty(find_fitted_crossings([fitted_chain(0, line), fitted_chain(1, swaying)]))
 
 
+def test_two_flat_crossings_at_large_angles_are_no_contact_but_undecided(straight: Callable) -> None:
+    # The second crosses the first at 45 degrees, turns within 4 r and comes back: heights alike, and yet two crossings.
+    line = straight((-0.05, 0, R), (0.05, 0, R), 0.003)
+    x = np.linspace(-0.03, 0.03, 61)
+    turning = np.column_stack([x, np.abs(x) - 2 * R, np.full_like(x, 1.1 * R)])
+    found = find_fitted_crossings([fitted_chain(0, line), fitted_chain(1, turning)])
+    assert [c.point[0] for c in found.crossings] == pytest.approx([-2 * R, 2 * R], abs=1e-4)
+    assert all(c.confidence <= 0.6 for c in found.crossings)
+    assert [finding.code for finding in found.findings] == 2 * ["crossing-undecided"]
+
+
 def test_two_crossings_near_one_another_with_a_gap_in_height_are_two(straight: Callable) -> None:
     # A tight bend of the upper one comes over the lower one and goes back.
     lower = straight((-0.05, 0, R), (0.05, 0, R), 0.003)
