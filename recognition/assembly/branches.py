@@ -62,9 +62,14 @@ def mark_branches(chains: Sequence[Chain], views: Sequence[NormalCloud]) -> tupl
     """
     kinds: list[list[End]] = [list(chain.ends) for chain in chains]
     findings: list[Finding] = []
+    low = np.array([chain.points.min(axis=0) - chain.radius_m for chain in chains]).reshape(-1, 3)
+    high = np.array([chain.points.max(axis=0) + chain.radius_m for chain in chains]).reshape(-1, 3)
     for number, chain in enumerate(chains):
         for at in () if chain.closed else (0, 1):
-            contact = None if chain.ends[at] == "touching" else _find_contact(chains, number, at, views)
+            reach = MAX_GAP_RADII * chain.radius_m
+            end = chain.points[-at]
+            near = np.flatnonzero(((end > low - reach) & (end < high + reach)).all(axis=1)).tolist()
+            contact = None if chain.ends[at] == "touching" else _find_contact(chains, number, at, near, views)
             if contact is None:
                 continue
             if kinds[number][at] == "free":
@@ -73,8 +78,18 @@ def mark_branches(chains: Sequence[Chain], views: Sequence[NormalCloud]) -> tupl
     return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), findings
 
 
-def _find_contact(chains: Sequence[Chain], number: int, at: int, views: Sequence[NormalCloud]) -> _Contact | None:
-    """Return the contact of an end with the nearest side ahead of it, or None if there is none or a gap is visible."""
+def _find_contact(
+    chains: Sequence[Chain], number: int, at: int, near: Sequence[int], views: Sequence[NormalCloud]
+) -> _Contact | None:
+    """Return the contact of an end with the nearest side ahead of it, or None if there is none or a gap is visible.
+
+    Args:
+        chains: Chains of the model.
+        number: Index of the chain with the end.
+        at: 0 for its first end, 1 for its last.
+        near: Indices of the chains that may be within reach of the end.
+        views: Registered views.
+    """
     chain = chains[number]
     r = chain.radius_m
     line = chain.points[:: -1 if at else 1]
@@ -82,7 +97,8 @@ def _find_contact(chains: Sequence[Chain], number: int, at: int, views: Sequence
     s = np.arange(0.0, MAX_GAP_RADII + STEP_RADII / 2, STEP_RADII) * r
     ahead = line[0] + s[:, None] * direction
     contacts = []
-    for trunk, other in enumerate(chains):
+    for trunk in near:
+        other = chains[trunk]
         points, s_trunk = _sampled(other, STEP_RADII * r)
         if trunk == number:
             from_end = s_trunk[-1] - s_trunk if at else s_trunk

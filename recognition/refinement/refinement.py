@@ -143,7 +143,7 @@ def refine(
         return refine(
             merged, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
         )
-    split = split_at_visible_gaps(_replace_lines(strands, lines), radii, views) if max_merges else None
+    split = split_at_visible_gaps(_replace_lines(strands, lines), radii, surface, views) if max_merges else None
     if split is not None:
         return refine(split, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines)
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths
 from recognition.preprocessing.normals import NormalCloud
@@ -27,6 +28,16 @@ MIN_EXTENT_VIEWS = 2
 """Minimum number of views that look through the points around a free point that belong to the same gap."""
 MIN_PART_RADII = 3.0
 """Minimum length of a part of a split strand, in radii. A shorter part shows no direction."""
+
+
+MAX_SUPPORT_SHARE = 0.5
+"""Maximum mean number of surface points on the tube in a gap, as a share of the median along the strand.
+
+It was up to 0.25 in gaps between strings. Where the axis is inaccurate, as at a crossing in coarse images, views look
+past a string that is there; the share was 1 and more.
+"""
+TUBE_RADII = (0.6, 1.35)
+"""Range of the distances from the axis of surface on the tube, in radii."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +89,9 @@ def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewC
 
 
 def split_at_visible_gaps(
-    strands: Sequence[Strand], radii: NDArray[np.float64], views: Sequence[NormalCloud]
+    strands: Sequence[Strand], radii: NDArray[np.float64], surface: Points, views: Sequence[NormalCloud]
 ) -> list[Strand] | None:
-    """Split the strands where half of the views look through their axis.
+    """Split the strands where half of the views look through their axis, and hardly any surface lies on their tube.
 
     Two strings that lie end to end with a short gap are traced as one strand. Their surfaces may be linked over the
     gap, but the lines of sight across the strings show it.
@@ -91,6 +102,7 @@ def split_at_visible_gaps(
     Args:
         strands: Strands with fitted lines.
         radii: (K,) radius of each strand, metres.
+        surface: (M, 3) registered surface points, metres, base frame.
         views: Registered views.
 
     Returns:
@@ -100,13 +112,13 @@ def split_at_visible_gaps(
     parts: list[Strand] = []
     is_split = False
     for strand, r in zip(strands, radii, strict=True):
-        gaps = _visible_gaps(strand, float(r), views)
+        gaps = _visible_gaps(strand, float(r), surface, views)
         is_split |= bool(len(gaps))
         parts += _split(strand, gaps, MIN_PART_RADII * float(r)) if len(gaps) else [strand]
     return parts if is_split else None
 
 
-def _visible_gaps(strand: Strand, r: float, views: Sequence[NormalCloud]) -> NDArray[np.float64]:
+def _visible_gaps(strand: Strand, r: float, surface: Points, views: Sequence[NormalCloud]) -> NDArray[np.float64]:
     """Return the first and last arc lengths (M, 2) of the visible gaps of a strand, metres.
 
     The last radius of an open end is not examined, because the position of an end is uncertain by this much.
@@ -119,8 +131,20 @@ def _visible_gaps(strand: Strand, r: float, views: Sequence[NormalCloud]) -> NDA
         is_gap &= (s > r) & (s < s[-1] - r)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_gap, [False]])))
     parts = zip(edges[::2], edges[1::2], strict=True)
-    gaps = [(s[first], s[stop - 1]) for first, stop in parts if counts.is_free[first:stop].any()]
+    gaps = [(first, stop) for first, stop in parts if counts.is_free[first:stop].any()]
+    if gaps:
+        support = _count_on_tube(points_at(line, s), r, surface)
+        max_support = MAX_SUPPORT_SHARE * float(np.median(support))
+        gaps = [(first, stop) for first, stop in gaps if support[first:stop].mean() < max_support]
+    gaps = [(s[first], s[stop - 1]) for first, stop in gaps]
     return np.array(gaps).reshape(-1, 2)
+
+
+def _count_on_tube(points: Points, r: float, surface: Points) -> NDArray[np.int64]:
+    """Return the numbers (N,) of surface points (M, 3) on a tube that are nearest to each point (N, 3) of its axis."""
+    distance, nearest = KDTree(points).query(surface, distance_upper_bound=TUBE_RADII[1] * r)
+    is_on_tube = np.isfinite(distance) & (np.asarray(distance) > TUBE_RADII[0] * r)
+    return np.bincount(np.asarray(nearest)[is_on_tube], minlength=len(points))
 
 
 def _split(strand: Strand, gaps: NDArray[np.float64], min_length: float) -> list[Strand]:
