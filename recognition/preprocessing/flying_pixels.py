@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from recognition.parameters import ChainParameters
 
 MIN_NEIGHBOURS = 5
-"""Minimum number of the eight neighbours that lie on the same surface as the pixel, if all eight are measured. If some
-are not measured, the same share of the others is needed.
+"""Minimum number of the eight neighbours that lie on the same surface as the pixel.
 
 A pixel at a straight edge has five such neighbours. A pixel with fewer neighbours is a spike of the edge or a flying
 pixel. On simulated scans, the filter halves the mean outward bias of the surface and removes a tenth of the points.
@@ -17,8 +16,7 @@ pixel. On simulated scans, the filter halves the mean outward bias of the surfac
 THIN_PX = 4.0
 """Width of a string in the image, pixels, below which `MIN_NEIGHBOURS_THIN` is used."""
 MIN_NEIGHBOURS_THIN = 2
-"""Minimum number of neighbours for a thin string: the pixels before and after along the string. A pixel of any string
-needs as many."""
+"""Minimum number of neighbours for a thin string: the pixels before and after along the string."""
 
 
 class DepthImage(Protocol):
@@ -58,14 +56,11 @@ def is_on_surface(
     height, width = image.depth.shape
     depth = image.depth[rows, columns].astype(np.int32)
     max_step = parameters.r / 2 / image.depth_unit_m
-    n_neighbours, n_unmeasured = np.zeros(len(rows), dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
+    n_neighbours = np.zeros(len(rows), dtype=np.int64)
     for down, right in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
         v, u = rows + down, columns + right
         is_in_image = (v >= 0) & (v < height) & (u >= 0) & (u < width)
         neighbour = image.depth[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)].astype(np.int32)
         n_neighbours += is_in_image & (neighbour > 0) & (np.abs(neighbour - depth) < max_step)
-        n_unmeasured += is_in_image & (neighbour == 0)
     string_width_px = 2 * parameters.r * image.K[0, 0] / (np.maximum(depth, 1) * image.depth_unit_m)
-    # Unmeasured neighbours are no evidence of an edge, so the same share of the other neighbours is needed.
-    min_neighbours = np.maximum(MIN_NEIGHBOURS / 8 * (8 - n_unmeasured), MIN_NEIGHBOURS_THIN)
-    return n_neighbours >= np.where(string_width_px < THIN_PX, MIN_NEIGHBOURS_THIN, min_neighbours)
+    return n_neighbours >= np.where(string_width_px < THIN_PX, MIN_NEIGHBOURS_THIN, MIN_NEIGHBOURS)

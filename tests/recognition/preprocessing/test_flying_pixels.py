@@ -60,16 +60,3 @@ def test_the_image_ends_at_its_border(table_1: ChainParameters) -> None:
     result = kept(image(np.full((6, 8), 4400)), table_1)
     # Five neighbours at the border, three in the corners; none from the other side.
     assert np.argwhere(~result).tolist() == [[0, 0], [0, 7], [5, 0], [5, 7]]
-
-
-@pytest.mark.parametrize("lost_share", [0.3, 0.6])
-def test_only_the_measured_neighbours_count(table_1: ChainParameters, lost_share: float) -> None:
-    """A speckled surface keeps most measured pixels, and a flying pixel goes although neighbours are lost."""
-    rng = np.random.default_rng(1)
-    depth = np.full((60, 80), 4200)
-    depth[::7, ::7] = 4100  # flying pixels
-    depth[rng.random(depth.shape) < lost_share] = 0
-    result = kept(image(depth), table_1)[1:-1, 1:-1]
-    inner = depth[1:-1, 1:-1]
-    assert result[inner == 4200].mean() > 0.85
-    assert not result[inner == 4100].any()
