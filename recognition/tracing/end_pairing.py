@@ -9,33 +9,19 @@ from numpy.typing import NDArray
 from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
 from recognition.geometry.polyline import arc_length, fit_end_parabola
 from recognition.parameters import ChainParameters
-from recognition.tracing.bending_energy import joining_energy
 from recognition.tracing.fragments import Fragment
 from recognition.tracing.occlusion_map import OcclusionMap
 
-END_FIT_RADII = 4.0
+END_FIT_RADII = 5.0
 """Length of the part of a fragment that is fitted to get the direction and curvature of its end, in radii r."""
 MAX_GAP_RADII = 14.0
 """Maximum gap between paired ends, in radii r. An over strand that crosses at 25 degrees hides about 8 r."""
-MIN_BEND_RADII = 1.5
-"""Minimum bend radius of a string, in radii r. At 1 r, the inner side of a bend has no length."""
+MIN_BEND_RADII = 2.5
+"""Minimum bend radius of a string, in radii r."""
 MIN_RING_RADII = 12.0
 """Minimum length of a fragment whose two ends may be paired with each other, in radii r."""
-MAX_TURN_RAD = 2.2
+MAX_TURN_RAD = 1.4
 """Maximum angle between the direction of an end and the straight line to its partner, radians."""
-MAX_SMOOTH_TURN_RAD = 1.4
-"""The same angle for ends that are only extrapolated smoothly."""
-HIDDEN_BEND_COST = 1.0
-"""Cost of a bend in a gap that the extrapolation of the ends does not explain, in squared sigmas."""
-BENDING_COST_RADII = 0.8
-"""Cost of the bending energy of this bend, in squared sigmas per energy of 1 / r.
-
-A turn of 90 degrees over 4 r costs 0.5.
-"""
-MIN_BENDING_LENGTH_RADII = 1.5
-"""Minimum length over which a gap bends, in radii r. The directions at a shorter gap are too uncertain."""
-FAN_RAD = np.radians(70)
-"""Maximum angle at which another strand may lie over the continuation of an end, from the end's direction, radians."""
 HEIGHT_WEIGHT = 0.5
 """Weight of height differences relative to horizontal differences. Heights are least accurate near an over strand."""
 UNPAIRED_END_COST = 1.5
@@ -91,15 +77,12 @@ class FragmentEnds:
 
 @dataclass(frozen=True, eq=False)
 class AmbiguousPair:
-    """A pair of ends that was joined or left apart, although the opposite costs hardly more."""
+    """A pair of ends that was joined, although another solution costs hardly more."""
 
     points: NDArray[np.float64]
     """(2, 3) positions of the two ends, metres, base frame."""
     margin: float
-    """Rise of the minimum total cost without this pair, or with it if it was left apart, in squared sigmas.
-
-    It is below `MIN_CERTAIN_MARGIN`.
-    """
+    """Rise of the minimum total cost without this pair, in squared sigmas. It is below `MIN_CERTAIN_MARGIN`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +94,7 @@ class Pairing:
     pairs: list[tuple[int, int]]
     """Indices into `ends` of the two ends of each pair."""
     ambiguous: list[AmbiguousPair]
-    """Pairs that may be wrong or missing (see `MIN_CERTAIN_MARGIN`)."""
+    """Pairs that may be wrong (see `MIN_CERTAIN_MARGIN`)."""
 
 
 def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parameters: ChainParameters) -> Pairing:
@@ -140,11 +123,8 @@ def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parame
         return Pairing(ends, [], [])
     single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, occlusion_map, parameters.r)
     a, b = _candidate_pairs(ends, fragments, parameters.r)
-    misfit = np.minimum(_misfit(ends, a, b, parameters.r), _hidden_bend_cost(ends, a, b, parameters.r))
-    cost = misfit + _gap_cost(ends, a, b, occlusion_map, parameters.r)
+    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, parameters.r)
     gain = single_cost[a] + single_cost[b] - cost
-    near_miss = (gain <= 0) & (gain > -MIN_CERTAIN_MARGIN)
-    missed = list(zip(a[near_miss].tolist(), b[near_miss].tolist(), gain[near_miss].tolist(), strict=True))
     has_gain = gain > 0
     a, b, gain = a[has_gain], b[has_gain], gain[has_gain]
     matched = maximum_weight_matching(a, b, gain)
@@ -153,10 +133,6 @@ def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parame
         AmbiguousPair(ends.points[[a[k], b[k]]], float(margin))
         for k, margin in zip(matched, margins, strict=True)
         if margin < MIN_CERTAIN_MARGIN
-    ]
-    paired = {*a[matched].tolist(), *b[matched].tolist()}
-    ambiguous += [
-        AmbiguousPair(ends.points[[j, k]], -loss) for j, k, loss in missed if j not in paired and k not in paired
     ]
     return Pairing(ends, list(zip(a[matched].tolist(), b[matched].tolist(), strict=True)), ambiguous)
 
@@ -207,7 +183,8 @@ def _candidate_pairs(
     offset = ends.points[b] - ends.points[a]
     gap = np.linalg.norm(offset, axis=1)
     is_near = (gap <= MAX_GAP_RADII * r) & ((ends.fragment[a] != ends.fragment[b]) | may_close[ends.fragment[a]])
-    is_candidate = is_near & (_turn(ends, a, b) < MAX_TURN_RAD)
+    turn = np.maximum(_angle(offset, ends.directions[a]), _angle(-offset, ends.directions[b]))
+    is_candidate = is_near & ((turn < MAX_TURN_RAD) | (gap < 1e-9))
     return a[is_candidate], b[is_candidate]
 
 
@@ -229,31 +206,7 @@ def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: f
         position_sigmas = np.linalg.norm(offset, axis=1) / (0.4 * r + 0.06 * gap)
         direction_sigmas = _angle(u, -v) / (0.2 + 0.06 * gap / r)
         misfits.append(position_sigmas**2 + direction_sigmas**2 + 0.3 * share)
-    return np.where(_turn(ends, a, b) < MAX_SMOOTH_TURN_RAD, np.min(misfits, axis=0), np.inf)
-
-
-def _hidden_bend_cost(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: float) -> NDArray[np.float64]:
-    """Return the cost (M,) of the least bend that joins the ends of each pair, in squared sigmas.
-
-    As for the misfit, the ends continue with none, half or all of their curvature, and the cheapest share is used.
-    """
-    scale = (1, 1, HEIGHT_WEIGHT)
-    chord = (ends.points[b] - ends.points[a]) * scale
-    leaving, arriving = ends.directions[a] * scale, -ends.directions[b] * scale
-    short = np.minimum(np.linalg.norm(ends.points[b] - ends.points[a], axis=1) / (MIN_BENDING_LENGTH_RADII * r), 1.0)
-    costs = []
-    for share in (0.0, 0.5, 1.0):
-        k_a, k_b = (share * ends.curvatures[k] * scale for k in (a, b))
-        energy = joining_energy(chord, leaving, arriving, k_a, k_b) * short
-        costs.append(HIDDEN_BEND_COST + BENDING_COST_RADII * r * energy + 0.3 * share)
-    return np.min(costs, axis=0)
-
-
-def _turn(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the larger angle (M,) between the directions of the ends of each pair and their straight connection."""
-    offset = ends.points[b] - ends.points[a]
-    turn = np.maximum(_angle(offset, ends.directions[a]), _angle(-offset, ends.directions[b]))
-    return np.where(np.linalg.norm(offset, axis=1) < 1e-9, 0.0, turn)
+    return np.min(misfits, axis=0)
 
 
 def _gap_cost(
@@ -282,18 +235,12 @@ def _gap_cost(
 
 
 def _occluded_share_ahead(ends: FragmentEnds, occlusion_map: OcclusionMap, r: float) -> NDArray[np.float64]:
-    """Return the occluded share (N,) from 0.5 r to 2.5 r ahead of each end, 0 to 1.
-
-    A strand may turn where it is hidden. The share is the largest one of several lines, up to `FAN_RAD` to each side.
-    """
-    distance = np.linspace(0.5, 2.5, 5)[None, None, :, None] * r
-    angle = np.linspace(-FAN_RAD, FAN_RAD, 5)[None, :, None]
-    x, y = ends.directions[:, 0, None, None], ends.directions[:, 1, None, None]
-    ahead = np.concatenate([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=2)
-    ahead = np.concatenate([ahead, np.zeros_like(ahead[:, :, :1])], axis=2)
-    points = ends.points[:, None, None] + distance * ahead[:, :, None]
+    """Return the occluded share (N,) of the line from 0.5 r to 2.5 r ahead of each end, 0 to 1."""
+    distance = np.linspace(0.5, 2.5, 5)[None, :, None] * r
+    horizontal = ends.directions * (1, 1, 0)
+    points = ends.points[:, None] + distance * horizontal[:, None]
     is_occluded = occlusion_map.occlusion(points.reshape(-1, 3), r).is_occluded
-    return is_occluded.reshape(len(ends.points), 5, 5).mean(axis=2).max(axis=1)
+    return is_occluded.reshape(len(ends.points), -1).mean(axis=1)
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

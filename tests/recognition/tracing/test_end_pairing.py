@@ -48,7 +48,7 @@ def test_ends_have_positions_directions_and_curvatures(arc: Callable, straight: 
     np.testing.assert_allclose(ends.points[:2], [(0, 0, R), (0.06, 0, R)], rtol=0, atol=1e-12)
     np.testing.assert_allclose(ends.directions[:2], [(-1, 0, 0), (1, 0, 0)], rtol=0, atol=1e-9)
     np.testing.assert_allclose(ends.curvatures[:2], 0, rtol=0, atol=1e-6)
-    # A parabola through 17 mm of a circle of 40 mm: its direction and curvature are right to some percent.
+    # A parabola through 21 mm of a circle of 40 mm: its direction and curvature are right to some percent.
     np.testing.assert_allclose(ends.directions[2:], [(0, -1, 0), (-1, 0, 0)], rtol=0, atol=0.05)
     np.testing.assert_allclose(ends.curvatures[2:], [(-25, 0, 0), (0, -25, 0)], rtol=0, atol=2.5)
     # Continued by the curvature, it stays on the circle; straight on, it leaves it by (10 mm)^2 / 80 mm, 1.25 mm.
@@ -97,52 +97,6 @@ def test_a_hole_in_a_tight_bend_is_bridged_along_the_bend(arc: Callable, seen: C
     pieces = [bent[angle < -17], bent[angle > 17]]
     found = pair_ends([fragment(piece) for piece in pieces], OcclusionMap(seen(pieces)[0]), PARAMETERS)
     assert paired_fragments(found) == {frozenset({0, 1})}
-
-
-@pytest.mark.parametrize("degrees", [60, 80, 100])
-def test_a_strand_turns_under_the_strand_that_hides_it(straight: Callable, seen: Callable, degrees: float) -> None:
-    # As in a tight knot: the direction changes where the strand is hidden, and the ends before and after are straight.
-    over = straight((-0.05, 0, 3 * R), (0.05, 0, 3 * R))
-    turn = np.radians(degrees)
-    before = straight((0, -0.05, R), (0, -1.7 * R, R))
-    start = np.array([4 * R * np.sin(turn / 2), -1.7 * R + 4 * R * np.cos(turn / 2), R])
-    after = straight(start, start + 0.05 * np.array([np.sin(turn), np.cos(turn), 0]))
-    surface, _ = seen([over, before, after])
-    found = pair_ends([fragment(before), fragment(after), fragment(over)], OcclusionMap(surface), PARAMETERS)
-    assert paired_fragments(found) == {frozenset({0, 1})}
-    assert found.ambiguous == []
-
-
-def test_a_turn_in_plain_sight_is_not_made(straight: Callable, seen: Callable) -> None:
-    before, after = straight((0, -0.05, R), (0, -2 * R, R)), straight((2 * R, 2 * R, R), (0.05, -0.02, R))
-    surface, _ = seen([before, after])
-    assert pair_ends([fragment(before), fragment(after)], OcclusionMap(surface), PARAMETERS).pairs == []
-
-
-def test_two_turns_that_could_be_exchanged_are_ambiguous(straight: Callable, seen: Callable) -> None:
-    over = straight((-0.05, 0, 3 * R), (0.05, 0, 3 * R))
-    below = [straight((x, -0.05, R), (x, -1.7 * R, R)) for x in (-1.1 * R, 1.1 * R)]
-    above = [straight((0, 1.7 * R, R), (side * 0.04, 0.03, R)) for side in (-1, 1)]
-    surface, _ = seen([over, *below, *above])
-    found = pair_ends([fragment(line) for line in (*below, *above, over)], OcclusionMap(surface), PARAMETERS)
-    assert len(found.pairs) == 2
-    assert len(found.ambiguous) == 2
-
-
-def test_two_ends_that_are_left_apart_by_a_small_margin_are_ambiguous(straight: Callable, seen: Callable) -> None:
-    # Two ends in plain sight meet at an angle. The sharper the bend, the less likely they belong to one strand.
-    before = straight((0, -0.05, R), (0, 0, R))
-    apart = []
-    for turn in np.radians(np.arange(60, 160, 5)):
-        start = np.array([1.9 * R * np.sin(turn / 2), 1.9 * R * np.cos(turn / 2), R])
-        after = straight(start, start + 0.05 * np.array([np.sin(turn), np.cos(turn), 0]))
-        surface, _ = seen([before, after])
-        found = pair_ends([fragment(before), fragment(after)], OcclusionMap(surface), PARAMETERS)
-        apart += [] if found.pairs else [found.ambiguous]
-    margins = [pair.margin for pairs in apart for pair in pairs]
-    assert len(margins) >= 3
-    assert all(0 <= margin < MIN_CERTAIN_MARGIN for margin in margins)
-    assert margins == sorted(margins)
 
 
 def test_two_ends_with_bare_table_between_are_two_ends(straight: Callable, seen: Callable) -> None:
