@@ -85,7 +85,7 @@ def clump_mesh(clump: Clump, cell_m: float = 0.003) -> Mesh:
 
     rng = np.random.default_rng(clump.seed)
     half = int(np.ceil(clump.radius_m / cell_m)) + 1
-    x, y = np.meshgrid(*(np.arange(-half, half + 1) * cell_m,) * 2)
+    x, y = np.meshgrid(*(np.arange(-half, half + 1, dtype=np.float64) * cell_m,) * 2)
     rough = sum(
         gaussian_filter(rng.standard_normal(x.shape), blur, mode="wrap") * blur * share
         for blur, share in ((1.0, 0.9), (2.5, 1.2), (5.0, 1.6))
@@ -122,7 +122,7 @@ def cloth_mesh(cloth: Cloth, cell_m: float = 0.001) -> Mesh:
     from scipy.spatial import KDTree
 
     half = int(np.ceil(cloth.half_m / cell_m))
-    x, y = np.meshgrid(*(np.arange(-half, half + 1) * cell_m,) * 2)
+    x, y = np.meshgrid(*(np.arange(-half, half + 1, dtype=np.float64) * cell_m,) * 2)
     x, y = x + cloth.centre_m[0], y + cloth.centre_m[1]
     z = np.full(x.shape, cloth.thickness_m)
     for fold in cloth.folds:

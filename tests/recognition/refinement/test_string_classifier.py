@@ -202,7 +202,7 @@ def test_a_short_strand_between_uneven_surface_is_a_ridge(seen: Callable, straig
 
 def test_beside_a_string_a_straight_strand_of_another_radius_is_a_rod(seen: Callable, straight: Callable) -> None:
     string, line = straight((0, 0.05, R), (0.2, 0.05, R), 0.003), straight((0, 0, R), (0.12, 0, R), 0.003)
-    string = string + (0, 1, 0) * np.sin(np.linspace(0, 3, len(string)))[:, None] * 0.02
+    string = string + np.sin(np.linspace(0, 3, len(string)))[:, None] * (0.0, 0.02, 0.0)
     surface, _ = seen([string, line])
     rod = replace(fitted(line), radius_m=1.3 * R, measured_radius_m=1.3 * R)
     found = classified(surface, fitted(string), rod)
@@ -229,7 +229,7 @@ def test_a_short_strand_that_is_thin_and_high_is_a_fold(seen: Callable, straight
     string, top = straight((0, 0.05, R), (0.2, 0.05, R), 0.003), straight((0, 0, 1.2 * R), (0.1, 0, 1.2 * R), 0.003)
     surface, _ = seen([string, top])
     fold = replace(fitted(top), radius_m=0.7 * R, measured_radius_m=0.7 * R)
-    fold = replace(fold, points=top + (0, 1, 0) * np.sin(np.linspace(0, 3, len(top)))[:, None] * 0.005)
+    fold = replace(fold, points=top + np.sin(np.linspace(0, 3, len(top)))[:, None] * (0.0, 0.005, 0.0))
     found = classified(surface, fitted(string), fold)
     assert len(found.strings) == 1
     assert [(finding.code, finding.severity) for finding in found.findings] == [("possible-string", "doubt")]

@@ -1,11 +1,11 @@
 """Occluded points and points over bare table, on made surfaces of r = 10 mm."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cell.devices import View
 from recognition.preprocessing.normals import NormalCloud
 from recognition.tracing.occlusion_map import OcclusionMap
 
@@ -67,7 +67,7 @@ def view_from(x: float, wall_m: float) -> NormalCloud:
     depth[100:] = round((0.4 - wall_m) * 1e4)  # the lower half of the image is y < 0
     depth[:, :10] = 0
     K = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 100.0], [0.0, 0.0, 1.0]])
-    image = SimpleNamespace(index=0, depth=depth, depth_unit_m=1e-4, K=K, T_base_camera=T)
+    image = View(index=0, depth=depth, depth_unit_m=1e-4, K=K, T_base_flange=T, T_flange_camera=np.eye(4))
     return NormalCloud(0, np.zeros((1, 3)), np.array([(0.0, 0.0, 1.0)]), np.eye(4), T, image)
 
 

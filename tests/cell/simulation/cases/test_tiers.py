@@ -89,7 +89,9 @@ def test_few_cases_have_one_to_four_views_that_show_the_workspace() -> None:
 def test_a_single_view_has_the_direction_of_a_fixed_camera() -> None:
     down = []
     for seed in range(0, 40, 4):
-        (bearing,) = make_case("few", seed).bearings or ()
+        bearings = make_case("few", seed).bearings
+        assert bearings is not None
+        (bearing,) = bearings
         assert np.deg2rad(45) <= bearing.elevation_rad <= np.deg2rad(88)
         down.append(bearing.elevation_rad > np.deg2rad(70))
     assert set(down) == {True, False}
