@@ -231,8 +231,8 @@ def test_a_truncated_recording_gives_a_model_or_an_error(
         (0.05, 1, "has no complete view: it has no message of any view; the recording is cut off, copy the file again"),
         (
             0.35,
-            1,
-            "1 view given; at least 2 are needed; the recording is cut off: it has 1 complete view, and anything",
+            0,
+            "the recording is cut off: it has 1 complete view, and anything after view 0 is lost; copy the file",
         ),
         (
             0.75,
@@ -250,6 +250,10 @@ def test_a_truncated_recording_is_reported_with_what_is_left(
     assert exit_code == code
     assert expected in stderr
     assert expected in json.dumps(document)
+    if code == 0:
+        incomplete = [found for found in document["quality"]["findings"] if found["code"] == "recording-incomplete"]
+        assert any(expected in found["message"] for found in incomplete)
+        assert len(document["chains"]) == 1
 
 
 def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_file: Path, tmp_path: Path) -> None:

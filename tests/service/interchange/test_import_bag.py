@@ -84,6 +84,17 @@ def test_a_bag_gives_the_model_of_its_scan(
             assert imported[path] == value, path
 
 
+def test_a_bag_with_one_pose_gives_a_model_of_one_view(scan: SimulatedScan, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "scan.bag", "ros1", one_image_each(scan.views[1:2], Recorded()))
+    out = tmp_path / "out.mcap"
+    assert main(["import", "bag", str(bag), str(out), *options(scan)]) == 0
+    model = recognise_recording(out).model
+    assert len(model.quality.views) == 1
+    (chain,) = model.chains
+    assert chain.views.max() == 1
+    assert "single-view" in {found.code for found in model.quality.findings}
+
+
 def test_wrong_options_are_reported_and_nothing_is_written(
     scan: SimulatedScan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,6 +78,17 @@ def test_one_file_per_viewpoint_gives_the_strings(
         np.testing.assert_allclose(view.T_base_camera[:3, 3], wanted.T_base_camera[:3, 3], atol=1e-6)
 
 
+def test_one_viewpoint_gives_a_model_of_one_view(scan: SimulatedScan, clouds: list[Points], tmp_path: Path) -> None:
+    file, out = write_ply(tmp_path / "0.ply", clouds[0]), tmp_path / "out.mcap"
+    one = replace(scan, views=scan.views[:1])
+    assert main(["import", "cloud", file, str(out), *options(one)]) == 0
+    model = recognise_recording(out).model
+    assert len(model.quality.views) == 1
+    (chain,) = model.chains
+    assert chain.views.max() == 1
+    assert "single-view" in {found.code for found in model.quality.findings}
+
+
 def test_a_merged_file_with_viewpoint_numbers_gives_the_same_views(
     scan: SimulatedScan, clouds: list[Points], tmp_path: Path
 ) -> None:
@@ -191,7 +202,7 @@ def test_bad_clouds_are_rejected(
 @pytest.mark.parametrize(
     ("eyes", "message"),
     [
-        ([(0, 0, 0.5)], "1 viewpoint is given; from 2 to 64 are needed"),
+        ([(0, 0, 0.5 + 0.001 * k) for k in range(65)], "65 viewpoints are given; from 1 to 64 are needed"),
         ([(0, 0, 0.5), (0, 0.1, -0.5)], "is not above the table, z = 0 m"),
         ([(0, 0, 0.5), (0, 0, 0.5)], "two viewpoints are the same"),
         ([(0, 0, 0.5), (0, 0, float("nan"))], "has NaN or infinity"),

@@ -1,6 +1,7 @@
 """`pointchain import frames` makes a recording that gives the same model as the source of the depth images."""
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -117,6 +118,17 @@ def test_camera_poses_give_the_same_points(twin: Path, recording: Recording, tmp
     # The poses differ in the last bit, which may change the rounding of a number.
     assert_same_numbers(imported["chains"], original["chains"])
     assert_same_numbers(imported["crossings"], original["crossings"])
+
+
+def test_one_image_gives_a_model_of_one_view(recording: Recording, tmp_path: Path) -> None:
+    one = replace(recording, views=recording.views[1:2])
+    folder, out = write_folder(tmp_path / "in", one), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), *options(recording)]) == 0
+    imported = document(out)
+    assert [view["index"] for view in imported["quality"]["views"]] == [0]
+    (chain,) = imported["chains"]
+    assert max(chain["views"]) == 1
+    assert "single-view" in {found["code"] for found in imported["quality"]["findings"]}
 
 
 def to_npy(change: Callable[[np.ndarray], np.ndarray]) -> Change:
@@ -303,6 +315,11 @@ def remove(*names: str) -> Change:
     return lambda folder: [(folder / name).unlink() for name in names]
 
 
+def more_images(count: int) -> Change:
+    """Add copies of an image."""
+    return lambda folder: [shutil.copy(folder / "8.png", folder / f"{12 + k}.png") for k in range(count)]
+
+
 def both(*changes: Change) -> Change:
     return lambda folder: [change(folder) for change in changes]
 
@@ -398,7 +415,8 @@ def one_entry(row: int, column: int, value: float) -> Change:
             "integers and floats have different",
         ),
         (both(to_npy(lambda d: d), lambda f: (f / "9.npy").write_bytes(b"no")), "9.npy is not an NPY array"),
-        (remove("8.png", "9.png", "10.png"), "holds 1 depth image; a recording takes from 2 to 64 views"),
+        (more_images(61), "holds 65 depth images; a recording takes at most 64 views"),
+        (remove("8.png", "9.png", "10.png"), "has 4 poses, the folder 1 depth images"),
         (remove("8.png", "9.png", "10.png", "11.png"), "holds no depth images"),
         (
             both(poses_beside(".txt", np.savetxt), remove("9.png")),

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -94,9 +95,11 @@ def test_a_failed_scan_has_no_verdict(
     client: httpx2.Client, recording_file: Path, finished: Finished, tmp_path: Path
 ) -> None:
     source = read_recording(recording_file)
-    with RecordingWriter(tmp_path / "one.mcap", source.header) as writer:
-        writer.write_view(source.views[0])
-    uploaded = client.post("/api/recordings", content=(tmp_path / "one.mcap").read_bytes()).json()["id"]
+    nowhere = replace(source.header, workspace_m=((5.0, 6.0), (5.0, 6.0), (0.0, 0.1)))  # no depth is in it
+    with RecordingWriter(tmp_path / "nowhere.mcap", nowhere) as writer:
+        for view in source.views:
+            writer.write_view(view)
+    uploaded = client.post("/api/recordings", content=(tmp_path / "nowhere.mcap").read_bytes()).json()["id"]
     before = values(client)
     body = {"mode": "replay", "recording": uploaded}
     assert finished(client, client.post("/api/scans", json=body).headers["Location"])["state"] == "failed"

@@ -168,7 +168,7 @@ def test_too_few_viewpoints_fail_with_reasons(unreachable_cell: Path, capsys: py
     assert "viewpoints can be reached, 8 are needed" in err
 
 
-@pytest.mark.parametrize("views", ["1", "33", "-4", "eight", "²"])
+@pytest.mark.parametrize("views", ["0", "33", "-4", "eight", "²"])
 def test_an_impossible_number_of_views_is_rejected(views: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as raised:
         main(["viewpoints", f"--views={views}"])
