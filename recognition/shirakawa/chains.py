@@ -61,7 +61,7 @@ def assemble_chains(
     for strand in strands:
         length = float(arc_length(strand.points)[-1])
         if length >= parameters.r_cn:
-            kept.append(_orient(strand))
+            kept.append(_orient(_without_repeats(strand)))
         else:
             reason = "too short to be distinguished from noise"
             excluded.append(excluded_piece("piece-too-short", strand.points, length, reason))
@@ -76,6 +76,12 @@ def assemble_chains(
         ends = classify_ends(strand, unaveraged, scene, parameters)
         chains.append(Chain(number, strand.closed, parameters.r, strand.points, sigma_m, views, ends))
     return StrandAssembly(kept, tuple(chains), findings)
+
+
+def _without_repeats(strand: Strand) -> Strand:
+    """Return a strand without points that equal the point before them, as random surfaces may give."""
+    is_new = np.append(True, np.linalg.norm(np.diff(strand.points, axis=0), axis=1) > 0)
+    return replace(strand, points=strand.points[is_new], bridged=strand.bridged[is_new])
 
 
 def point_uncertainty(
