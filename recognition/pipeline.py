@@ -243,9 +243,7 @@ def recognise(
         strings = find_thicker_strings(graph, refinement, registration, occlusion_map, support, parameters)
 
         timer.begin("topology")
-        assembly = assemble_fitted_chains(
-            refinement, registration, occlusion_map, scene, parameters, support, strings.passes
-        )
+        assembly = assemble_fitted_chains(strings.passes, registration, occlusion_map, scene, parameters, support)
         crossings = find_fitted_crossings(assembly.chains)
         connections = connection_findings(strings.ambiguous, assembly.chains)
     else:

@@ -2,7 +2,7 @@
 
 A wrong distortion model or a bent board shifts neighbouring corners alike, in all views. Such shifts also change the
 estimated lens, and they do not average out over the corners. The size of the patterns that no lens correction can
-explain tells how far the corners can be trusted about the lens.
+explain shows how far the corners can be trusted about the lens.
 """
 
 import numpy as np

@@ -14,11 +14,10 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.object_shapes import is_other_rod
-from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand, Refinement
+from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand
 from recognition.refinement.string_classifier import (
     MAX_SQUARENESS,
     StringClassification,
-    classify_strings,
     max_squareness,
 )
 from recognition.registration.registration import Registration
@@ -44,30 +43,28 @@ class ChainAssembly:
 
 
 def assemble_fitted_chains(
-    refinement: Refinement,
+    passes: Sequence[StringClassification],
     registration: Registration,
     occlusion_map: OcclusionMap,
     scene: Scene,
     parameters: ChainParameters,
     support: SupportSurface | None = None,
-    passes: Sequence[StringClassification] = (),
 ) -> ChainAssembly:
-    """Build the chains of the model from the fitted strands that are classified as strings.
+    """Build the chains of the model from the strings of all passes.
 
     Args:
-        refinement: Fitted strands, and the standard deviation of the surface points about their tubes.
+        passes: Strings of each radius, the given one first, with the standard deviation of the surface about their
+            tubes.
         registration: Registered views and their merged surface.
         occlusion_map: Occlusion map of the registered surface.
         scene: Scene; uses the table height and the workspace.
         parameters: Method parameters; uses the radius r and the border margin r_f.
         support: What the strings rest on. None means the table of the scene.
-        passes: Strings of each radius, the given one first. Without passes, the strands of `refinement` are classified.
 
     Returns:
         The chains with sigmas, view counts and ends, and the findings on the chains and the excluded strands.
     """
     support = support or SupportSurface(scene.table_z_m)
-    passes = passes or (classify_strings(refinement, registration.points, parameters, support),)
     findings = [remark for found in passes for remark in found.findings]
     strings = sorted(
         ((string, found.scatter_m) for found in passes for string in found.strings),

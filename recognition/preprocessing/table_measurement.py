@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
+from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane
+from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD, MIN_LOWER_M, MIN_SPREAD_M
 from recognition.preprocessing.target_cloud import MAX_REACH_M, DepthView, Scene, deproject
 
 SEARCH_M = 0.05
@@ -22,18 +23,8 @@ INLIERS_M = (0.003, 0.002, 0.002)
 planes that are compared."""
 MIN_SHARE = 0.2
 """Minimum number of inliers, as a share of the points in the search range."""
-MIN_INLIERS = 100
-"""Minimum number of inliers."""
-MIN_LOWER_M = 0.0012
-"""Minimum distance of a lower plane below the plane of most points, metres."""
 MIN_OTHER_SHARE = 0.15
 """Minimum share of the points on a second plane, for example that of a large flat object on the table."""
-OTHER_INLIERS_M = (-0.002, 0.0008)
-"""Range of the distances of inliers from a second plane, metres. The upper limit excludes a flat object on it."""
-OTHER_PASSES = 6
-"""Number of passes of the fit of a second plane."""
-MIN_SPREAD_M = 0.02
-"""Minimum standard deviation of the inliers in each direction, metres. A narrow strip does not determine the tilt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +69,7 @@ def measure_table(view: DepthView, scene: Scene) -> ViewPlane | None:
         is_inlier = np.abs(points[:, 2] - A @ plane) < distance_m
         if is_inlier.sum() < MIN_INLIERS:
             return None
-        plane = _fit(A[is_inlier], points[is_inlier, 2])
+        plane = fit_plane(A[is_inlier], points[is_inlier, 2])
     if is_inlier.sum() < MIN_SHARE * len(points):
         return None
     found = _view_plane(view, points, is_inlier, plane)
@@ -104,7 +95,7 @@ def _other_plane(
         first = _plane_of_most(A[is_other], points[is_other, 2]) if is_other.sum() >= min_inliers else None
         if first is None:
             continue
-        plane, is_inlier = _fit_apart(A, points[:, 2], first)
+        plane, is_inlier = fit_apart(A, points[:, 2], first)
         other = _view_plane(view, points, is_inlier, plane) if is_inlier.sum() >= min_inliers else None
         if other is not None and abs(float(residual[is_inlier].mean())) > MIN_LOWER_M:
             return other
@@ -156,23 +147,3 @@ def _plane_of_most(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np
     step = max(len(z) // 400, 1)
     count = (np.abs(planes @ A[::step].T - z[::step]) < INLIERS_M[0]).sum(axis=1)
     return np.asarray(planes[int(count.argmax())], dtype=np.float64)
-
-
-def _fit(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the plane (slope along x, slope along y, height) with the least squares of `A @ plane - z`."""
-    return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ z, rcond=None)[0], dtype=np.float64)
-
-
-def _fit_apart(
-    A: NDArray[np.float64], z: NDArray[np.float64], plane: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return a second plane (3,), fitted from a first guess, and its inliers (N,)."""
-    low, high = OTHER_INLIERS_M
-    is_inlier = np.zeros(len(z), dtype=bool)
-    for _ in range(OTHER_PASSES):
-        residual = z - A @ plane
-        is_inlier = (residual > low) & (residual < high)
-        if is_inlier.sum() < MIN_INLIERS:
-            break
-        plane = _fit(A[is_inlier], z[is_inlier])
-    return plane, is_inlier

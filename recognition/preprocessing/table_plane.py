@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane
 
 INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
 """Maximum distance of inliers from the plane in each pass of the fit, metres."""
@@ -14,16 +15,10 @@ MAX_TILT_RAD = 0.02
 """Maximum tilt error of a camera pose, radians. A plane with a larger tilt is not the table."""
 MIN_INLIER_SHARE = 0.2
 """Minimum number of inliers of the plane, as a share of the points of the view in the workspace."""
-MIN_INLIERS = 100
-"""Minimum number of inliers of the plane."""
 MIN_LOWER_M = 0.0012
 """Minimum depth below the fitted plane of points that belong to a lower plane, metres."""
 MIN_LOWER_SHARE = 0.15
 """Minimum share of points below the fitted plane that shows a lower plane. The table is the lower one of two."""
-LOWER_INLIERS_M = (-0.002, 0.0008)
-"""Range of the distances of inliers from the lower plane, metres. The upper limit excludes a flat object on it."""
-LOWER_PASSES = 6
-"""Number of passes of the fit of a lower plane."""
 MIN_SPREAD_M = 0.02
 """Minimum standard deviation of the inliers in each direction, metres. A narrow strip does not determine the tilt."""
 SAMPLE_SIZE = 10_000
@@ -61,11 +56,11 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
         is_inlier = np.abs(near[:, 2] - A @ plane) < distance_m
         if is_inlier.sum() < min_inliers:
             return np.eye(4)
-        plane = _fit(A[is_inlier], near[is_inlier, 2])
+        plane = fit_plane(A[is_inlier], near[is_inlier, 2])
     is_lower = near[:, 2] - A @ plane < -MIN_LOWER_M
     if is_lower.sum() >= max(MIN_LOWER_SHARE * len(near), MIN_INLIERS):
         # A large flat object covers part of the table.
-        is_inlier, plane = _fit_lower_plane(A, near[:, 2], is_lower)
+        plane, is_inlier = fit_apart(A, near[:, 2], fit_plane(A[is_lower], near[is_lower, 2]))
         if is_inlier.sum() < MIN_INLIERS:
             return np.eye(4)
     slope_x, slope_y, height = plane
@@ -79,23 +74,3 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
     T = from_rotation_vector((0, 0, 0), np.cross(normal, (0, 0, 1)))
     T[:3, 3] = (centre[0], centre[1], table_z_m) - T[:3, :3] @ pivot
     return T
-
-
-def _fit(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the plane (slope along x, slope along y, height) with the least squares of `A @ plane - z`."""
-    return np.asarray(np.linalg.lstsq(A.T @ A, A.T @ z, rcond=None)[0], dtype=np.float64)
-
-
-def _fit_lower_plane(
-    A: NDArray[np.float64], z: NDArray[np.float64], is_lower: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return the inliers (N,) and the plane (3,) through the points `is_lower` (N,) and others near their plane."""
-    low, high = LOWER_INLIERS_M
-    is_inlier, plane = is_lower, _fit(A[is_lower], z[is_lower])
-    for _ in range(LOWER_PASSES):
-        residual = z - A @ plane
-        is_inlier = (residual > low) & (residual < high)
-        if is_inlier.sum() < MIN_INLIERS:
-            break
-        plane = _fit(A[is_inlier], z[is_inlier])
-    return is_inlier, plane

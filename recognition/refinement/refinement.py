@@ -138,14 +138,16 @@ def refine(
     radii = _select_radii(measured_radii, scatter_m, r) if radius_is_given else measured_radii
     lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
 
-    merged = merge_overlapping_ends(_replace_lines(strands, lines), parameters) if max_merges else None
-    if merged is not None:
+    changed = None
+    if max_merges:
+        located = _replace_lines(strands, lines)
+        changed = merge_overlapping_ends(located, parameters)
+        if changed is None:
+            changed = split_at_visible_gaps(located, radii, surface, views)
+    if changed is not None:
         return refine(
-            merged, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
+            changed, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
         )
-    split = split_at_visible_gaps(_replace_lines(strands, lines), radii, surface, views) if max_merges else None
-    if split is not None:
-        return refine(split, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines)
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
     last_fit = TubeFit(lines, r, surface, normals, radii)

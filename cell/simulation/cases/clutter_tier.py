@@ -17,8 +17,8 @@ FREE_M = 0.005
 PEN_LENGTH_M = (0.10, 0.15)
 """Smallest and largest length of a pen."""
 PEN_RADII = (1.25, 1.8)
-"""Smallest and largest radius of a pen, in radii of the string. A pen as thick as the string cannot be told from a
-straight string."""
+"""Smallest and largest radius of a pen, in radii of the string. A pen as thick as the string looks like a straight
+string."""
 POST_RADIUS_M, POST_HEIGHT_M = (0.002, 0.004), (0.015, 0.06)
 """Smallest and largest radius, and height, of the post of a clip."""
 

@@ -8,13 +8,13 @@ from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.end_tiers import draw_branches, draw_ends
-from cell.simulation.cases.few_tiers import draw_few
+from cell.simulation.cases.few_tier import draw_few
 from cell.simulation.cases.first_tiers import draw_first
-from cell.simulation.cases.knot_tiers import draw_knots
+from cell.simulation.cases.lifted_tier import draw_lifted
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
-from cell.simulation.cases.table_tiers import draw_lifted
 from cell.simulation.cases.thin_tier import draw_thin
+from cell.simulation.cases.tight_tier import draw_knots
 from cell.simulation.scenes.scenes import SceneError
 
 Draw = Callable[[str, int, np.random.Generator], Case]

@@ -120,15 +120,15 @@ def test_the_truth_is_consistent(scene: StringScene) -> None:
 def test_a_table_elsewhere_moves_poses_and_truth_but_not_the_images() -> None:
     scene, camera = make_scene("loop", 1), camera_model("oak-d-pro", (64, 40))
     T_base_table = from_rotation_vector((0.0, 0.0, -0.006), (0.02, 0.01, 0.0))
-    told, elsewhere = simulate(scene, camera, 1), simulate(scene, camera, 1, T_base_table=T_base_table)
-    for a, b in zip(told.views, elsewhere.views, strict=True):
+    as_stated, elsewhere = simulate(scene, camera, 1), simulate(scene, camera, 1, T_base_table=T_base_table)
+    for a, b in zip(as_stated.views, elsewhere.views, strict=True):
         assert np.array_equal(a.depth, b.depth)
     # The pose errors are drawn in the base frame, so a pose moves with the table up to twice its errors of some mm.
-    moved = [T_base_table @ view.T_base_flange for view in told.views]
+    moved = [T_base_table @ view.T_base_flange for view in as_stated.views]
     assert np.allclose([T[:3, 3] for T in moved], [view.T_base_flange[:3, 3] for view in elsewhere.views], atol=0.005)
     # Both truths are rounded to 0.1 micrometres.
-    curve = transform_points(T_base_table, np.array(told.truth["curves"][0]))
+    curve = transform_points(T_base_table, np.array(as_stated.truth["curves"][0]))
     assert np.allclose(curve, elsewhere.truth["curves"][0], atol=2e-7)
-    point = transform_points(T_base_table, np.array([told.truth["crossings"][0]["point"]]))[0]
+    point = transform_points(T_base_table, np.array([as_stated.truth["crossings"][0]["point"]]))[0]
     assert np.allclose(point, elsewhere.truth["crossings"][0]["point"], atol=1e-12)
     assert elsewhere.header.table_z_m == 0.0

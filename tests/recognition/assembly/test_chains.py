@@ -10,9 +10,10 @@ from recognition.assembly.chains import MAX_TABLE_GAP_RADII, ChainAssembly, asse
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
-from recognition.refinement.string_classifier import MAX_SQUARENESS
+from recognition.refinement.string_classifier import MAX_SQUARENESS, classify_strings
 from recognition.registration.registration import Registration
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
@@ -39,7 +40,18 @@ def assembled(
     occlusion_map = OcclusionMap(views.points)
     graph = trace_strands(views.points - parameters.r * views.normals, occlusion_map, parameters)
     refinement = refine(graph.strands, views.points, views.normals, parameters)
-    return assemble_fitted_chains(refinement, views, occlusion_map, scene or Scene(), parameters)
+    return assembled_from(refinement, views, occlusion_map, scene or Scene(), parameters)
+
+
+def assembled_from(
+    refinement: Refinement,
+    views: Registration,
+    occlusion_map: OcclusionMap,
+    scene: Scene,
+    parameters: ChainParameters = PARAMETERS,
+) -> ChainAssembly:
+    strings = classify_strings(refinement, views.points, parameters, SupportSurface(scene.table_z_m))
+    return assemble_fitted_chains([strings], views, occlusion_map, scene, parameters)
 
 
 def fitted(points: np.ndarray) -> FittedStrand:
@@ -216,7 +228,7 @@ def test_without_strands_there_are_no_chains_and_a_note(
 ) -> None:
     views = registered([seen([straight((0, 0, R), (0.1, 0, R))])])
     nothing = Refinement([], np.full(len(views.points), -1), 0.0)
-    assembly = assemble_fitted_chains(nothing, views, OcclusionMap(views.points), Scene(), PARAMETERS)
+    assembly = assembled_from(nothing, views, OcclusionMap(views.points), Scene())
     assert assembly.chains == ()
     (note,) = assembly.findings
     assert (note.code, note.severity, note.chains) == ("no-string-found", "note", ())
@@ -249,7 +261,7 @@ def test_a_string_that_may_be_a_bar_is_kept_with_a_doubt(
     for sigma, value in ((0.1, pytest.approx(0.3, abs=1e-12)), (np.inf, None)):
         strand = replace(fitted(line), roundness_error_m=0.0, squareness=0.1, squareness_sigma=sigma)
         refinement = Refinement([strand], np.zeros(len(views.points), dtype=np.int64), 0.0002)
-        assembly = assemble_fitted_chains(refinement, views, OcclusionMap(views.points), Scene(), PARAMETERS)
+        assembly = assembled_from(refinement, views, OcclusionMap(views.points), Scene())
         (chain,), (doubt,) = assembly.chains, assembly.findings
         assert (chain.id, doubt.code, doubt.severity, doubt.chains) == (0, "possible-bar", "doubt", (0,))
         assert doubt.point_m == pytest.approx((0.05, 0.0, R), abs=1e-9)
