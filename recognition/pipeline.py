@@ -25,7 +25,7 @@ from recognition.assembly.unexplained import (
     possible_object_findings,
     unexplained_findings,
 )
-from recognition.assembly.view_findings import drift_findings, single_view_findings, view_findings
+from recognition.assembly.view_findings import drift_findings, single_view_findings, view_findings, warp_findings
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasping import Grasping, plan_grasps
@@ -275,6 +275,7 @@ def recognise(
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
         *table_findings(ingested.moved_table, chains),
+        *warp_findings(ingested.warp),
         *single_view_findings(registration.views, ingested.clouds, chains),
         *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
@@ -355,6 +356,7 @@ def _without_string(
         *(() if measured else other_radius_findings(ingested.views, scene, parameters, (), ())),
         finding("no-string-in-view", ingested.no_string_reason),
         *table_findings(ingested.moved_table, ()),
+        *warp_findings(ingested.warp),
         *view_findings(ingested.excluded, [target.view for target in ingested.targets], ()),
         *coverage_findings(ingested.targets, (), scene),
     )

@@ -20,7 +20,7 @@ from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
-from recognition.view_ingestion import at_measured_table, ingest_views, merge_heights
+from recognition.view_ingestion import correct_views, ingest_views, merge_heights
 
 PROBE_R = 0.0015
 """Radius of the first preprocessing, metres. It gives the height threshold z_t, below which points are ignored."""
@@ -118,7 +118,7 @@ def other_radius_findings(
 def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParameters, Sequence[FittedStrand]]:
     """Return parameters for a rough radius, and the strings found with them. Raises as `estimate_parameters`."""
     probe = ChainParameters.for_radius(PROBE_R)
-    views = at_measured_table(views, scene)
+    views = correct_views(views, scene)
     targets = [preprocess(view, probe, scene) for view in views]
     if sum(len(target.points) for target in targets) < MIN_POINTS:
         return ChainParameters.for_radius(PAPER_R), ()

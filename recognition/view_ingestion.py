@@ -11,6 +11,14 @@ from calibration.geometry.transforms import inverse
 from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.depth_warp import (
+    DepthWarp,
+    WarpEquations,
+    correct,
+    is_similar,
+    measure_warp,
+    warp_equations,
+)
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.table_measurement import ViewPlane, measure_table
@@ -31,8 +39,8 @@ from recognition.registration.registration import Registration
 class IngestedViews:
     """Preprocessed views, ready for registration.
 
-    If the table is not where it is given, all but `views` and `planes` are in the frame in which it is: the base frame,
-    moved by `T_base_table`.
+    If the camera has a warp, all but `views` are from corrected depth images. If the table is not where it is given,
+    all but `views` and `planes` are in the frame in which it is: the base frame, moved by `T_base_table`.
     """
 
     parameters: ChainParameters
@@ -61,15 +69,21 @@ class IngestedViews:
     """(4, 4) motion that moves the given table to where the views were assumed to show it, metres."""
     moved_table: MeasuredTable | None = None
     """Where all views show the table, if it is not where it is given, else None."""
+    warp: DepthWarp | None = None
+    """Slow depth error of the camera that was corrected, or None."""
+    warp_equations: Sequence[WarpEquations | None] = ()
+    """What each view shows of the warp; None for a view that shows too little of the table."""
 
 
 @dataclass(eq=False)
 class _Ingestion:
-    """Views that have arrived, preprocessed with the table at one place."""
+    """Views that have arrived, preprocessed with the table at one place and with one warp."""
 
     parameters: ChainParameters
     scene: Scene
     T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    warp: DepthWarp | None = None
+    warp_equations: list[WarpEquations | None] = field(default_factory=list)
     views: list[DepthView] = field(default_factory=list)
     planes: list[ViewPlane | None] = field(default_factory=list)
     targets: list[TargetCloud] = field(default_factory=list)
@@ -85,6 +99,8 @@ class _Ingestion:
             parameters=earlier.parameters,
             scene=earlier.scene,
             T_base_table=earlier.T_base_table,
+            warp=earlier.warp,
+            warp_equations=[*earlier.warp_equations],
             views=[*earlier.views],
             planes=[*earlier.planes],
             targets=[*earlier.targets],
@@ -94,10 +110,31 @@ class _Ingestion:
             crowded={**earlier.crowded},
         )
 
-    def add(self, view: DepthView, plane: ViewPlane | None) -> None:
-        """Preprocess a view with the table at `T_base_table`."""
+    def arrive(self, view: DepthView) -> "_Ingestion":
+        """Return the ingestion with a further view; all views are preprocessed again if it changes warp or table."""
+        plane = measure_table(view, self.scene)
+        self.warp_equations.append(None if plane is None else warp_equations(view, plane, self.scene))
+        equations = [shown for shown in self.warp_equations if shown is not None]
+        warp = measure_warp(equations)
+        if is_similar(warp, self.warp, equations):
+            self.add(view, plane if self.warp is None else None)
+            return self.at_measured_table()
+        again = _Ingestion(self.parameters, self.scene, self.T_base_table, warp, self.warp_equations)
+        for earlier in (*self.views, view):
+            again.add(earlier)
+        return again.at_measured_table()
+
+    def add(self, view: DepthView, plane: ViewPlane | None = None) -> None:
+        """Preprocess a view with the table at `T_base_table` and the current warp.
+
+        Args:
+            view: View as it was captured.
+            plane: Plane of the table that the view shows without the warp; None if it was not measured.
+        """
         self.views.append(view)
-        self.planes.append(plane)
+        if self.warp is not None:
+            view = correct(view, self.warp)
+        self.planes.append(plane or measure_table(view, self.scene))
         if not np.array_equal(self.T_base_table, np.eye(4)):
             view = MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
         self.targets.append(target := preprocess(view, self.parameters, self.scene))
@@ -119,7 +156,7 @@ class _Ingestion:
         T = np.eye(4) if table is None else table.T_base_table
         if is_near(T, self.T_base_table, self.planes):
             return self
-        moved = _Ingestion(self.parameters, self.scene, T)
+        moved = _Ingestion(self.parameters, self.scene, T, self.warp, self.warp_equations)
         for view, plane in zip(self.views, self.planes, strict=True):
             moved.add(view, plane)
         return moved
@@ -131,6 +168,7 @@ def ingest_views(
     """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
 
     As soon as two views show the table where it is not given, all views are preprocessed with the table where it is.
+    As soon as the views show a warp of the camera, all views are preprocessed with corrected depth images.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
@@ -157,8 +195,7 @@ def ingest_views(
     for view in views:
         if view.index in {target.view for target in ingestion.targets}:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
-        ingestion.add(view, measure_table(view, scene))
-        ingestion = ingestion.at_measured_table()
+        ingestion = ingestion.arrive(view)
     table = find_moved_table(ingestion.planes, scene.table_z_m)
     if table is not None:
         refuse_doubtful_table(table, ingestion.planes)
@@ -191,12 +228,22 @@ def ingest_views(
         planes=ingestion.planes,
         T_base_table=ingestion.T_base_table,
         moved_table=table,
+        warp=ingestion.warp,
+        warp_equations=ingestion.warp_equations,
     )
 
 
-def at_measured_table(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthView]:
-    """Return the views with poses relative to the measured table, if it is not where it is given, else the views."""
+def correct_views(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthView]:
+    """Return the views without the warp of the camera, and with poses relative to the measured table.
+
+    The views are returned as they are if the camera has no warp and the table is where it is given.
+    """
     planes = [measure_table(view, scene) for view in views]
+    shown = [warp_equations(view, plane, scene) for view, plane in zip(views, planes, strict=True) if plane is not None]
+    warp = measure_warp([equations for equations in shown if equations is not None])
+    if warp is not None:
+        views = [correct(view, warp) for view in views]
+        planes = [measure_table(view, scene) for view in views]
     table = find_moved_table(planes, scene.table_z_m)
     if table is None:
         return views

@@ -1,4 +1,4 @@
-"""Findings on excluded views, on a single view, and on a calibration that all views contradict."""
+"""Findings on excluded views, on a single view, on the camera, and on a calibration that all views contradict."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,6 +8,7 @@ import numpy as np
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.model.quality import ViewQuality
+from recognition.preprocessing.depth_warp import MIN_WARP_M, DepthWarp
 from recognition.preprocessing.normals import NormalCloud
 from recognition.registration.registration import Registration
 
@@ -75,3 +76,14 @@ def single_view_findings(
         ids = [chain.id for chain in chains]
         findings.append(finding("single-view-not-aligned", message, chains=ids, view=used[0]))
     return findings
+
+
+def warp_findings(warp: DepthWarp | None) -> list[Finding]:
+    """Return the note on a warp of the camera that was corrected, or none."""
+    if warp is None:
+        return []
+    message = (
+        f"all depth images show the table curved in the same way, by {warp.rms_m * 1000:.1f} mm (root mean square): "
+        "this error of the camera was corrected"
+    )
+    return [finding("depth-warp", message, value=warp.rms_m, limit=MIN_WARP_M)]

@@ -59,6 +59,7 @@ FindingCode = Literal[
     "unexplained-surface",
     "more-unexplained-surface",
     "single-view",
+    "depth-warp",
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
@@ -379,6 +380,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         meaning="The model rests on a single view. No other view checks its pose or shows what it hides.",
         action="Nothing, if `sigma_m` is small enough. It holds only as long as the calibration is right: verify it.",
         decision="nothing",
+    ),
+    "depth-warp": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The camera shows the table curved, in the same way in all views. The depth images were corrected.",
+        action="Nothing for this result. Beyond 1 mm, calibrate the camera's lenses again, or let its maker do so.",
+        decision="nothing",
+        value="root mean square of the depth error on the table, m",
     ),
     "more-views-needed": FindingType(
         severity="note",

@@ -112,6 +112,15 @@ def with_noisy_table(scan: SimulatedScan, sigma_m: float) -> list[View]:
     return noisy
 
 
+def with_curved_depth(scan: SimulatedScan) -> list[View]:
+    """Return the views with a depth error that grows from the middle of the image to its sides, up to 3 mm."""
+    views = []
+    for view in scan.views:
+        across = np.linspace(-1, 1, view.depth.shape[1]) ** 2 * 0.003 / view.depth_unit_m
+        views.append(replace(view, depth=np.where(view.depth > 0, view.depth + across, 0).astype(np.uint16)))
+    return views
+
+
 # --- parts of chains and crossings ---
 
 
@@ -310,6 +319,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "more-unexplained-surface": many_short_pieces,
     "single-view-not-aligned": bumped,
     "single-view": lambda: findings_of(one_string(), views=one_string().views[:1]),
+    "depth-warp": lambda: findings_of(one_string(), views=with_curved_depth(one_string())),
     "view-without-depth": excluded(with_depth(0)),
     "view-outside-workspace": excluded(with_depth(60000)),
     "view-stuck": excluded(lambda view: with_depth(int(np.median(view.depth)) - 20)(view)),
@@ -373,6 +383,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "more-unexplained-surface": has("value"),
     "single-view-not-aligned": has("chains view"),
     "single-view": has("view"),
+    "depth-warp": has("value limit", "above"),
     "view-without-depth": has("view"),
     "view-outside-workspace": has("view"),
     "view-stuck": has("view"),

@@ -17,7 +17,7 @@ from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import Correspondences, compared_views
-from recognition.view_ingestion import at_measured_table, ingest_views
+from recognition.view_ingestion import correct_views, ingest_views
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +112,42 @@ def on_table(height_m: float, tilt_deg: float = 0.0, views: int = 4) -> Simulate
     return simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=views, T_base_table=T)
 
 
+def warped(amplitude_per_m: float) -> list[View]:
+    """Return five views of an arc whose inverse depth is curved along the rows of the image."""
+    views = simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=5).views
+    curved = amplitude_per_m * np.linspace(-1, 1, 320) ** 2
+    counts = [view.depth / (1 + view.depth * view.depth_unit_m * curved) for view in views]
+    return [replace(view, depth=np.rint(c).astype(np.uint16)) for view, c in zip(views, counts, strict=True)]
+
+
+def test_views_are_preprocessed_again_without_the_warp_of_the_camera(scene: Scene, table_1: ChainParameters) -> None:
+    views = warped(0.02)
+    ingested = ingest_views(iter(views), table_1, scene)
+    assert ingested.warp is not None
+    assert ingested.views == views
+    assert [target.view for target in ingested.targets] == [0, 1, 2, 3, 4]
+    assert all(target.image is not view for target, view in zip(ingested.targets, views, strict=True))
+    straight = ingest_views(warped(0.0), table_1, scene)
+    assert straight.warp is None
+    # Parts of the table at the sides are above the threshold, or their views are tilted, unless the warp is corrected.
+    sizes, expected = (np.array([len(target.points) for target in x.targets]) for x in (ingested, straight))
+    np.testing.assert_allclose(sizes, expected, rtol=0.1)
+    again = ingest_views(correct_views(views, scene), table_1, scene)
+    assert again.warp is None
+
+
+def test_an_earlier_ingestion_keeps_its_warp(scene: Scene, table_1: ChainParameters) -> None:
+    views = warped(0.02)
+    earlier = ingest_views(views[:4], table_1, scene)
+    assert earlier.warp is not None
+    continued, whole = ingest_views(views, table_1, scene, earlier), ingest_views(views, table_1, scene)
+    assert continued.warp is not None
+    assert whole.warp is not None
+    np.testing.assert_array_equal(continued.warp.coefficients, whole.warp.coefficients)
+    for a, b in zip(continued.targets, whole.targets, strict=True):
+        np.testing.assert_array_equal(a.points, b.points)
+
+
 @pytest.mark.parametrize(("height_m", "tilt_deg"), [(-0.006, 0.0), (0.006, 0.0), (0.0, 1.0)])
 def test_views_are_preprocessed_with_the_table_where_they_show_it(
     scene: Scene, table_1: ChainParameters, height_m: float, tilt_deg: float
@@ -137,7 +173,7 @@ def test_a_table_where_it_is_given_changes_nothing(scan: SimulatedScan, scene: S
     assert ingested.moved_table is None
     np.testing.assert_array_equal(ingested.T_base_table, np.eye(4))
     assert len(ingested.planes) == 3
-    assert at_measured_table(scan.views, scene) is scan.views
+    assert correct_views(scan.views, scene) is scan.views
 
 
 def test_views_of_a_lower_table_may_arrive_later(scene: Scene, table_1: ChainParameters) -> None:
@@ -157,9 +193,9 @@ def test_a_table_beyond_the_limits_is_refused(scene: Scene, table_1: ChainParame
     with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm lower than given and tilted by 0\."):
         ingest_views(on_table(-0.03).views, table_1, scene)
     with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm higher"):
-        at_measured_table(on_table(0.03).views, scene)
+        correct_views(on_table(0.03).views, scene)
 
 
 def test_views_are_given_relative_to_the_measured_table(scene: Scene) -> None:
-    moved = at_measured_table(on_table(0.0, 1.0).views, scene)
-    assert at_measured_table(moved, scene) is moved
+    moved = correct_views(on_table(0.0, 1.0).views, scene)
+    assert correct_views(moved, scene) is moved
