@@ -1,4 +1,4 @@
-"""Findings on excluded views, on a single view, and on a calibration that all views contradict."""
+"""Findings on excluded views, on a single view, on depth noise, and on a calibration that all views contradict."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,7 +8,9 @@ import numpy as np
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.model.quality import ViewQuality
+from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.table_scatter import NOISE_ADVICE, THRESHOLD_SIGMAS, max_scatter_m
 from recognition.registration.registration import Registration
 
 
@@ -75,3 +77,23 @@ def single_view_findings(
         ids = [chain.id for chain in chains]
         findings.append(finding("single-view-not-aligned", message, chains=ids, view=used[0]))
     return findings
+
+
+def noise_findings(registration: Registration, parameters: ChainParameters) -> list[Finding]:
+    """Return the doubt about depth noise, if patches of depth differ by the radius, or pixels reach the threshold.
+
+    It concerns the whole model, because noise can also hide a string or look like one.
+    """
+    limits = {
+        "from patch to patch": max_scatter_m(parameters),
+        "from pixel to pixel": parameters.z_t / THRESHOLD_SIGMAS,
+    }
+    scatter = [(cloud.scatter.patch_m, cloud.scatter.pixel_m) for cloud in registration.clouds]
+    for noise_m, (kind, limit_m) in zip(np.median(scatter, axis=0), limits.items(), strict=True):
+        if noise_m > limit_m:
+            message = (
+                f"the depth of the table scatters by {noise_m * 1000:.1f} mm {kind} (limit {limit_m * 1000:.1f} mm), "
+                f"too much for a string radius of {parameters.r * 1000:.1f} mm: the model may be wrong. {NOISE_ADVICE}"
+            )
+            return [finding("depth-noise", message, value=float(noise_m), limit=limit_m)]
+    return []
