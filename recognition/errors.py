@@ -55,6 +55,12 @@ class TableElsewhereError(RecognitionError):
     slug = "table-elsewhere"
 
 
+class DepthNoiseError(RecognitionError):
+    """The depth of the table scatters too much for the height threshold or the radius of the string."""
+
+    slug = "depth-noise"
+
+
 class TooCrowdedError(RecognitionError):
     """Too much is above the table. The height of the table or the workspace is probably wrong."""
 

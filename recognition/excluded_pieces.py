@@ -29,9 +29,15 @@ def excluded_piece(code: FindingCode, points: NDArray[np.float64], length_m: flo
 
 
 def shortened(excluded: Sequence[Finding]) -> list[Finding]:
-    """Return the first `MAX_LISTED_PIECES` findings on excluded pieces, and one with the number of further pieces."""
+    """Return the first `MAX_LISTED_PIECES` findings on excluded pieces, and one that sums up the further pieces."""
     listed = list(excluded[:MAX_LISTED_PIECES])
-    further = len(excluded) - len(listed)
+    further = excluded[MAX_LISTED_PIECES:]
     if further:
-        listed.append(finding("more-pieces", f"excluded {further} more pieces, all of them shorter", value=further))
+        lengths_mm = [1000 * (found.value or 0.0) for found in further]
+        longest = np.array(further[int(np.argmax(lengths_mm))].point_m)
+        message = (
+            f"excluded {len(further)} more pieces, {min(lengths_mm):.0f} to {max(lengths_mm):.0f} mm long, the longest "
+            f"at {format_position(longest)}"
+        )
+        listed.append(finding("more-pieces", message, point=longest, value=len(further)))
     return listed

@@ -25,7 +25,13 @@ from recognition.assembly.unexplained import (
     possible_object_findings,
     unexplained_findings,
 )
-from recognition.assembly.view_findings import drift_findings, single_view_findings, view_findings, warp_findings
+from recognition.assembly.view_findings import (
+    drift_findings,
+    noise_findings,
+    single_view_findings,
+    view_findings,
+    warp_findings,
+)
 from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasping import Grasping, plan_grasps
@@ -177,6 +183,7 @@ def recognise(
         DuplicateViewError: Two views have the same index.
         InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         ContradictingViewsError: No majority of the views shows the same scene.
+        DepthNoiseError: The depth of the table scatters too much for the radius.
         NoDepthError: No view measured anything in the workspace.
         TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
         TooCrowdedError: The points above the table are too many for a scene of strings.
@@ -217,7 +224,7 @@ def recognise(
 
     timer.begin("registration")
     registration = add_table_error(
-        register(ingested.clouds, parameters, ingested.correspondences), ingested.moved_table
+        register(ingested.clouds, parameters, ingested.correspondences, table_z_m=scene.table_z_m), ingested.moved_table
     )
     support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
 
@@ -277,6 +284,7 @@ def recognise(
         *table_findings(ingested.moved_table, chains),
         *warp_findings(ingested.warp),
         *single_view_findings(registration.views, ingested.clouds, chains),
+        *noise_findings(registration, parameters),
         *view_findings(registration.views + ingested.excluded, [target.view for target in ingested.targets], chains),
         *coverage_findings(ingested.targets, [view.index for view in registration.views if view.used], scene),
     )

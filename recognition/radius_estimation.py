@@ -126,7 +126,7 @@ def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParame
     ingested = ingest_views(views, rough, scene)
     if ingested.no_string_reason is not None:
         return rough, ()
-    registration = register(ingested.clouds, rough, ingested.correspondences)
+    registration = register(ingested.clouds, rough, ingested.correspondences, table_z_m=scene.table_z_m)
     support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
     centre_line = estimate_centre_line(registration.points, registration.normals, rough)
     graph = trace_strands(centre_line.unaveraged, OcclusionMap(registration.points), rough)

@@ -185,6 +185,7 @@ def ingest_views(
         InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         NoDepthError: No view measured anything in the workspace.
         TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
+        DepthNoiseError: In most views, noise of the table reaches the height threshold.
         TooCrowdedError: Most views have too many points above the table for a scene of strings.
     """
     views = iter(views)

@@ -25,6 +25,10 @@ follow from them. A finding has these members. Those that do not apply are absen
 | `value` | The measured value. Its meaning and unit are below. |
 | `limit` | The limit that the value exceeds or does not reach, in the same unit. For a radius: the given radius. |
 
+Many findings of one code and one cause are summed up in one finding: how many there are, the range of their values, and
+where the largest is. This applies to what was set aside: pieces, unexplained surface and excluded views. The reason of
+each view is in `quality.views`. Findings on chains, ends and crossings are never summed up: a planner needs each.
+
 A later version may add codes: treat an unknown code by its severity. The service counts findings by code and severity
 in the metric `pointchain_findings_total`.
 

@@ -16,7 +16,8 @@ SURFACE_STRIDE = 2
 MIN_VIEW_POINTS = 2
 """Minimum number of surface points beside a point of the strand. With fewer, the view did not see the point."""
 SYSTEMATIC_SHARE = 0.35
-"""Share of the surface scatter that is common to neighbouring pixels, in a scan of `SYSTEMATIC_VIEWS` views.
+"""Share of the surface scatter that is common to neighbouring pixels, in a scan of `SYSTEMATIC_VIEWS` views. The
+scatter of patches of the table replaces it if it is larger, because the fit of a tube follows slow errors of the depth.
 
 Stereo errors are correlated over about one radius, so the average over the surface beside a point hardly reduces them.
 The average over the views does: the variance is inversely proportional to their number. With a single view, the share
@@ -62,8 +63,9 @@ def point_uncertainty(
         distance, nearest = KDTree(s[~hidden, None]).query(s[hidden, None])
         fit[hidden] = fit[~hidden][np.asarray(nearest)]
         deviation[hidden] = np.asarray(distance) ** 2 / (2 * MIN_HIDDEN_BEND_RADII * strand.radius_m)
+    patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds]))
     averaging = SYSTEMATIC_VIEWS / min(len(registration.clouds), SYSTEMATIC_VIEWS)
-    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * scatter_m) ** 2 * averaging
+    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * max(scatter_m, patch_m)) ** 2 * averaging
     return np.sqrt(_pose_variance(strand.points, registration) + fit + deviation**2 + common), views
 
 

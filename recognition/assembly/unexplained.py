@@ -71,10 +71,14 @@ def unexplained_findings(pieces: Sequence[NDArray[np.float64]], parameters: Chai
         size, centre = _size(piece), piece.mean(axis=0)
         message = f"something of {size * 1000:.0f} mm at {format_position(centre)} is above the table and in no chain"
         findings.append(finding("unexplained-surface", message, point=centre, value=size, limit=parameters.r_cn))
-    further = len(pieces) - len(findings)
+    further = pieces[MAX_LISTED_PIECES:]
     if further:
-        message = f"{further} more things are above the table and in no chain, all of them smaller"
-        findings.append(finding("more-unexplained-surface", message, value=further))
+        centre = further[0].mean(axis=0)
+        message = (
+            f"{len(further)} more things of {_size(further[-1]) * 1000:.0f} to {_size(further[0]) * 1000:.0f} mm are "
+            f"above the table and in no chain, the largest at {format_position(centre)}"
+        )
+        findings.append(finding("more-unexplained-surface", message, point=centre, value=len(further)))
     return findings
 
 

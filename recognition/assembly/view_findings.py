@@ -1,4 +1,4 @@
-"""Findings on excluded views, on a single view, on the camera, and on a calibration that all views contradict."""
+"""Findings on excluded views, on a single view, on camera and depth noise, and on a contradicted calibration."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,15 +6,23 @@ from dataclasses import replace
 import numpy as np
 
 from recognition.model.chains import Chain
+from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, finding
 from recognition.model.quality import ViewQuality
+from recognition.parameters import ChainParameters
 from recognition.preprocessing.depth_warp import MIN_WARP_M, DepthWarp
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.table_scatter import NOISE_ADVICE, THRESHOLD_SIGMAS, max_scatter_m
 from recognition.registration.registration import Registration
+
+MAX_LISTED_VIEWS = 3
+"""Maximum number of views excluded for one cause with their own notes. With more, one note stands for all of them."""
 
 
 def view_findings(views: Sequence[ViewQuality], captured: Sequence[int], chains: Sequence[Chain]) -> list[Finding]:
-    """Return a note on each excluded view, and a doubt if the scene may have changed during the scan.
+    """Return the notes on excluded views, and a doubt if the scene may have changed during the scan.
+
+    Many views that were excluded for one cause have one note. The reason of each view is in the quality of the views.
 
     A view that contradicts the others had a wrong pose, or something moved before it. If something moved, all views
     after that contradict the earlier ones. If a view is used that was captured after a contradicting one, the pose was
@@ -25,11 +33,10 @@ def view_findings(views: Sequence[ViewQuality], captured: Sequence[int], chains:
         captured: Indices of the views in the order in which they were captured.
         chains: Chains of the model. Without chains, a view that shows only the table gives no note.
     """
-    findings = [
-        finding(view.code, f"view {view.index} was excluded: {view.reason}", view=view.index)
-        for view in views
-        if view.code is not None and (view.code != "view-without-string" or chains)
-    ]
+    findings = []
+    for code in dict.fromkeys(view.code for view in views):
+        if code is not None and (code != "view-without-string" or chains):
+            findings += _exclusion_findings(code, [view for view in views if view.code == code])
     contradicting = [captured.index(view.index) for view in views if view.code == "view-contradicting"]
     used = [captured.index(view.index) for view in views if view.used]
     if contradicting and used and min(contradicting) > max(used):
@@ -37,6 +44,18 @@ def view_findings(views: Sequence[ViewQuality], captured: Sequence[int], chains:
         message = f"no view from view {first} on fits the earlier ones: something may have moved before it"
         findings.append(finding("scene-changed", message, chains=[chain.id for chain in chains], view=first))
     return findings
+
+
+def _exclusion_findings(code: FindingCode, views: Sequence[ViewQuality]) -> list[Finding]:
+    """Return a note on each view that was excluded for one cause, or one note on all of them if they are many."""
+    if len(views) <= MAX_LISTED_VIEWS:
+        return [finding(code, f"view {view.index} was excluded: {view.reason}", view=view.index) for view in views]
+    worst = max(views, key=lambda view: view.points)
+    numbers = ", ".join(str(view.index) for view in views)
+    message = (
+        f"{len(views)} views were excluded for one cause ({numbers}), for example view {worst.index}: {worst.reason}"
+    )
+    return [finding(code, message, view=worst.index)]
 
 
 def drift_findings(registration: Registration, chains: Sequence[Chain]) -> list[Finding]:
@@ -87,3 +106,23 @@ def warp_findings(warp: DepthWarp | None) -> list[Finding]:
         "this error of the camera was corrected"
     )
     return [finding("depth-warp", message, value=warp.rms_m, limit=MIN_WARP_M)]
+
+
+def noise_findings(registration: Registration, parameters: ChainParameters) -> list[Finding]:
+    """Return the doubt about depth noise, if patches of depth differ by the radius, or pixels reach the threshold.
+
+    It concerns the whole model, because noise can also hide a string or look like one.
+    """
+    limits = {
+        "from patch to patch": max_scatter_m(parameters),
+        "from pixel to pixel": parameters.z_t / THRESHOLD_SIGMAS,
+    }
+    scatter = [(cloud.scatter.patch_m, cloud.scatter.pixel_m) for cloud in registration.clouds]
+    for noise_m, (kind, limit_m) in zip(np.median(scatter, axis=0), limits.items(), strict=True):
+        if noise_m > limit_m:
+            message = (
+                f"the depth of the table scatters by {noise_m * 1000:.1f} mm {kind} (limit {limit_m * 1000:.1f} mm), "
+                f"too much for a string radius of {parameters.r * 1000:.1f} mm: the model may be wrong. {NOISE_ADVICE}"
+            )
+            return [finding("depth-noise", message, value=float(noise_m), limit=limit_m)]
+    return []

@@ -41,6 +41,7 @@ FindingCode = Literal[
     "calibration-drift",
     "table-elsewhere",
     "single-view-not-aligned",
+    "depth-noise",
     "pointchain-1",
     "end-at-border",
     "radius-smaller",
@@ -68,6 +69,7 @@ FindingCode = Literal[
     "view-stuck",
     "view-without-string",
     "view-crowded",
+    "view-noisy",
     "view-contradicting",
     "view-pose-error",
 ]
@@ -242,6 +244,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         meaning="The only view shows too little of the table, or shows it elsewhere. The camera may have moved.",
         action="Do not act on positions. Check the table height and verify the calibration, or scan from more views.",
         decision="ask a person",
+    ),
+    "depth-noise": FindingType(
+        severity="doubt",
+        scope="model",
+        meaning="The depth of the table scatters so much that noise can hide a string or look like one.",
+        action="Move the viewpoints nearer, use a higher resolution, more exposures, more light, or thicker strings.",
+        decision="ask a person",
+        value="scatter of the depth of patches, or of pixels, about the table plane, one sigma, m",
     ),
     "pointchain-1": FindingType(
         severity="doubt",
@@ -444,6 +454,13 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="The view has too many points above the table for a scene of strings.",
         action="If it happens again, check the table height and the workspace.",
+        decision="nothing",
+    ),
+    "view-noisy": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The depth of the table scatters so much that most points above the height threshold are noise.",
+        action="If it happens again, move the viewpoint nearer, or use a higher resolution, more exposures or light.",
         decision="nothing",
     ),
     "view-contradicting": FindingType(

@@ -1,6 +1,6 @@
 """Estimate normal vectors and remove outliers (sections II.C and II.D)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from recognition.errors import TooCrowdedError
 from recognition.geometry.voxel_grid import voxel_means
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.table_scatter import TableScatter
 from recognition.preprocessing.target_cloud import DepthView, TargetCloud
 
 NEIGHBOURHOOD_RADII = 0.55
@@ -50,6 +51,8 @@ class NormalCloud:
     """(4, 4) camera pose after the correction, metres; None if unknown."""
     image: DepthView | None = None
     """View that the points come from; None if unknown."""
+    scatter: TableScatter = field(default_factory=TableScatter)
+    """Scatter of the depth of the view, measured on the table."""
 
     @cached_property
     def tree(self) -> KDTree:
@@ -83,7 +86,15 @@ def estimate_normals(target: TargetCloud, parameters: ChainParameters) -> Normal
     points = points[kept]
     faces_away = ((target.T_base_camera[:3, 3] - points) * normals).sum(axis=1) < 0
     normals[faces_away] *= -1
-    return NormalCloud(target.view, points, normals, target.T_table_alignment, target.T_base_camera, target.image)
+    return NormalCloud(
+        target.view,
+        points,
+        normals,
+        target.T_table_alignment,
+        target.T_base_camera,
+        target.image,
+        target.scatter,
+    )
 
 
 def _inliers_and_normals(points: NDArray[np.float64], radius: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:

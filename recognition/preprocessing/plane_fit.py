@@ -9,6 +9,13 @@ APART_PASSES = 6
 """Number of passes of the fit of a plane beside another one."""
 MIN_INLIERS = 100
 """Minimum number of inliers of a plane."""
+MODE_SHARE = 0.3
+"""Share of the values in the interval from which the standard deviation is taken."""
+MODE_WIDTH_SIGMAS = 0.7706
+"""Length of the shortest interval with `MODE_SHARE` of a normal distribution, in standard deviations."""
+APART_SIGMAS = 2.0
+"""Minimum distance of points of another plane, in standard deviations of the points of this plane. Noise has 2 % of its
+points so far on one side, much less than a plane."""
 
 
 def fit_plane(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -40,3 +47,28 @@ def fit_apart(
             break
         plane = fit_plane(A[is_inlier], z[is_inlier])
     return plane, is_inlier
+
+
+def mode_sigma(values: NDArray[np.float64]) -> float:
+    """Return the standard deviation of normal values (N,) from the shortest interval with `MODE_SHARE` of them.
+
+    Values of flat objects beside the table are other modes and do not count, while one surface has more than that
+    share.
+    """
+    ordered = np.sort(values)
+    n = max(int(MODE_SHARE * len(ordered)), 1)
+    return float((ordered[n:] - ordered[:-n]).min()) / MODE_WIDTH_SIGMAS
+
+
+def is_apart(residual: NDArray[np.float64], min_distance_m: float, min_points: float) -> NDArray[np.bool_]:
+    """Return the mask (N,) of the points that may belong to another plane; none, if they are too few or noise.
+
+    Args:
+        residual: (N,) signed distances from a plane, metres; positive on the side of the other plane.
+        min_distance_m: Minimum distance of such points, metres. It is larger if the points scatter more.
+        min_points: Minimum number of such points.
+    """
+    result = residual > min_distance_m
+    if result.sum() >= min_points:
+        result = residual > max(min_distance_m, APART_SIGMAS * mode_sigma(residual))
+    return result if result.sum() >= min_points else np.zeros(len(residual), dtype=bool)

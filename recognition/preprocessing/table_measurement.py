@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane
+from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane, is_apart
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD, MIN_LOWER_M, MIN_SPREAD_M
 from recognition.preprocessing.target_cloud import MAX_REACH_M, DepthView, Scene, deproject
 
@@ -91,8 +91,8 @@ def _other_plane(
     `residual` (N,) is the height of the points above the first plane, metres.
     """
     min_inliers = max(MIN_OTHER_SHARE * len(points), MIN_INLIERS)
-    for is_other in (residual < -MIN_LOWER_M, residual > INLIERS_M[0]):
-        first = _plane_of_most(A[is_other], points[is_other, 2]) if is_other.sum() >= min_inliers else None
+    for is_other in (is_apart(-residual, MIN_LOWER_M, min_inliers), is_apart(residual, INLIERS_M[0], min_inliers)):
+        first = _plane_of_most(A[is_other], points[is_other, 2]) if is_other.any() else None
         if first is None:
             continue
         plane, is_inlier = fit_apart(A, points[:, 2], first)

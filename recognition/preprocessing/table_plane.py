@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane
+from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane, is_apart
 
 INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
 """Maximum distance of inliers from the plane in each pass of the fit, metres."""
@@ -16,7 +16,7 @@ MAX_TILT_RAD = 0.02
 MIN_INLIER_SHARE = 0.2
 """Minimum number of inliers of the plane, as a share of the points of the view in the workspace."""
 MIN_LOWER_M = 0.0012
-"""Minimum depth below the fitted plane of points that belong to a lower plane, metres."""
+"""Minimum depth below the fitted plane of points that belong to a lower plane, metres. With much noise it is larger."""
 MIN_LOWER_SHARE = 0.15
 """Minimum share of points below the fitted plane that shows a lower plane. The table is the lower one of two."""
 MIN_SPREAD_M = 0.02
@@ -57,8 +57,8 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
         if is_inlier.sum() < min_inliers:
             return np.eye(4)
         plane = fit_plane(A[is_inlier], near[is_inlier, 2])
-    is_lower = near[:, 2] - A @ plane < -MIN_LOWER_M
-    if is_lower.sum() >= max(MIN_LOWER_SHARE * len(near), MIN_INLIERS):
+    is_lower = is_apart(A @ plane - near[:, 2], MIN_LOWER_M, max(MIN_LOWER_SHARE * len(near), MIN_INLIERS))
+    if is_lower.any():
         # A large flat object covers part of the table.
         plane, is_inlier = fit_apart(A, near[:, 2], fit_plane(A[is_lower], near[is_lower, 2]))
         if is_inlier.sum() < MIN_INLIERS:

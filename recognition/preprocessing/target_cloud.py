@@ -1,6 +1,6 @@
 """Target point cloud of a view: deprojection, workspace and height threshold (sections II.A, II.B)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +11,7 @@ from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.flying_pixels import is_on_surface
 from recognition.preprocessing.table_plane import SAMPLE_SIZE, table_alignment
+from recognition.preprocessing.table_scatter import TableScatter, max_scatter_m, table_scatter
 
 FLOOR_MARGIN_M = 0.01
 """Margin below the floor of the workspace, metres. Noisy table points within the margin count as inside."""
@@ -107,6 +108,13 @@ class TargetCloud:
     """True if all measured pixels (at least two) have the same depth, as in the images of a defective sensor."""
     image: DepthView | None = None
     """View that the points come from; None if unknown."""
+    scatter: TableScatter = field(default_factory=TableScatter)
+    """Scatter of the depth, measured on the table."""
+    n_below: int = 0
+    """Number of points that the same selection gives as far below the table. Noise gives as many above it. Only counted
+    if the scatter of single pixels exceeds its limit, else 0."""
+    threshold_m: float = 0.0
+    """Height threshold z_t above the table, metres; 0 if unknown."""
 
 
 def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> TargetCloud:
@@ -135,21 +143,26 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     sample = sample[_is_in_workspace(sample, scene)]
     T_table_alignment = table_alignment(sample, scene.table_z_m, parameters)
     T_base_camera = T_table_alignment @ view.T_base_camera
+    is_aligned = not np.array_equal(T_table_alignment, np.eye(4))
+    scatter = table_scatter(transform_points(T_table_alignment, sample), scene.table_z_m, parameters, is_aligned)
 
-    rows, columns = _pixels_above(view, T_base_camera, scene.table_z_m + parameters.z_t)
-    points = transform_points(T_table_alignment, deproject(view, rows, columns))
-    kept = _is_in_workspace(points, scene)
-    kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
+    points = _points_beyond(view, T_table_alignment, parameters, scene, 1)
+    n_below = 0
+    if scatter.pixel_m > max_scatter_m(parameters):
+        n_below = len(_points_beyond(view, T_table_alignment, parameters, scene, -1))
     n_measured = int(np.count_nonzero(depth))
     return TargetCloud(
         view=view.index,
-        points=points[kept],
+        points=points,
         T_base_camera=T_base_camera,
         T_table_alignment=T_table_alignment,
         n_measured=n_measured,
         n_in_workspace=min(len(sample) * step**2, n_measured),
         constant_depth=n_measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
         image=view,
+        scatter=scatter,
+        n_below=n_below,
+        threshold_m=parameters.z_t,
     )
 
 
@@ -173,18 +186,38 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
     return (T[:3, :3] @ np.linalg.inv(view.K) @ (z[:, None] * pixels).T).T + T[:3, 3]
 
 
-def _pixels_above(
-    view: DepthView, T_base_camera: NDArray[np.float64], height_m: float
+def _points_beyond(
+    view: DepthView, T_table_alignment: NDArray[np.float64], parameters: ChainParameters, scene: Scene, side: int
+) -> NDArray[np.float64]:
+    """Return the points (N, 3) on a surface at more than z_t above the table, or below it if `side` is -1.
+
+    The workspace is mirrored for the points below.
+    """
+    height_m = scene.table_z_m + side * parameters.z_t
+    rows, columns = _pixels_beyond(view, T_table_alignment @ view.T_base_camera, height_m, side)
+    points = transform_points(T_table_alignment, deproject(view, rows, columns))
+    mirrored = points if side > 0 else points * (1.0, 1.0, -1.0) + (0.0, 0.0, 2 * scene.table_z_m)
+    kept = _is_in_workspace(mirrored, scene)
+    kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
+    return points[kept]
+
+
+def _pixels_beyond(
+    view: DepthView, T_base_camera: NDArray[np.float64], height_m: float, side: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows (N,) and columns (N,) of the measured pixels higher than `height_m` (metres, base frame)."""
+    """Return the rows (N,) and columns (N,) of the measured pixels above a height, or below it if `side` is -1.
+
+    `height_m` is in metres, in the base frame.
+    """
     rows, columns = (np.arange(n) for n in view.depth.shape)
     a, b, c = (T_base_camera[2, :3] @ np.linalg.inv(view.K)) * view.depth_unit_m
     # Single precision rounds heights by a tenth of a micrometre and halves the time for a megapixel.
     with np.errstate(over="ignore", invalid="ignore"):
         heights = np.add.outer((b * rows + c).astype(np.float32), (a * columns).astype(np.float32))
         heights *= view.depth
-        is_above = heights > np.float32(height_m - T_base_camera[2, 3])
-    v, u = np.nonzero(is_above & (view.depth > 0))
+        limit = np.float32(height_m - T_base_camera[2, 3])
+        is_beyond = heights > limit if side > 0 else heights < limit
+    v, u = np.nonzero(is_beyond & (view.depth > 0))
     return v, u
 
 

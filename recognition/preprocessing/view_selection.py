@@ -3,12 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from recognition.errors import InsufficientViewsError, NoDepthError, TooCrowdedError
+import numpy as np
+
+from recognition.errors import DepthNoiseError, InsufficientViewsError, NoDepthError, TooCrowdedError
 from recognition.model.quality import ExclusionReason, ViewQuality
+from recognition.preprocessing.table_scatter import NOISE_ADVICE
 from recognition.preprocessing.target_cloud import TargetCloud
 
 CROWDED_SHARE = 0.8
 """Maximum share of the points of a view that are above the table. With a larger share, the table height is too low."""
+MAX_NOISE_SHARE = 0.5
+"""Maximum share of noise in the points above the table. Noise of the table gives as many points below it."""
 MIN_POINTS = 50
 """Minimum number of points above the height threshold, and of measured points in the workspace. Fewer are noise."""
 
@@ -37,6 +42,7 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
     Raises:
         InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         NoDepthError: No view measured anything in the workspace.
+        DepthNoiseError: In most views, most points above the table are noise of the table.
         TooCrowdedError: In most views, nearly all points are above the table.
     """
     if not targets:
@@ -55,6 +61,9 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
             "Check the camera, the table height and the workspace"
         )
     used = [target for target in targets if reasons[target.view] is None]
+    noisy = [target for target in measuring if _is_noisy(target)]
+    if len(noisy) > len(measuring) / 2:
+        raise DepthNoiseError(_noise_message(noisy))
     crowded = [target for target in used if len(target.points) > CROWDED_SHARE * target.n_in_workspace]
     if len(crowded) > len(used) / 2:
         share = len(crowded[0].points) / crowded[0].n_in_workspace
@@ -62,7 +71,7 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
             f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and most other "
             "views show the same: check the table height and the workspace"
         )
-    n_bare = len(measuring) - len(used)
+    n_bare = len(measuring) - len(used) - len(noisy)
     if len(used) == 1 and n_bare:
         raise InsufficientViewsError(
             f"only view {used[0].view} sees anything above the table, the other {n_bare} that measured the table do "
@@ -96,7 +105,29 @@ def exclusion_reason(target: TargetCloud) -> ExclusionReason | None:
     if len(target.points) < MIN_POINTS:
         message = f"only {len(target.points)} points are higher above the table than the threshold z_t"
         return ExclusionReason("view-without-string", message)
+    if _is_noisy(target):
+        message = (
+            f"the depth of the table scatters by {target.scatter.pixel_m * 1000:.1f} mm, so that most points above the "
+            "threshold z_t are noise"
+        )
+        return ExclusionReason("view-noisy", message)
     return None
+
+
+def _noise_message(noisy: Sequence[TargetCloud]) -> str:
+    """Return the message of a `DepthNoiseError`, from the views with noise."""
+    scatter_mm = 1000 * float(np.median([target.scatter.pixel_m for target in noisy]))
+    share = float(np.median([min(target.n_below / len(target.points), 1.0) for target in noisy]))
+    return (
+        f"the depth of the table scatters by {scatter_mm:.1f} mm (one sigma, median of {len(noisy)} views). "
+        f"{share:.0%} of the points above the height threshold of {1000 * noisy[0].threshold_m:.1f} mm are noise, "
+        f"because as many are below the table (limit {MAX_NOISE_SHARE:.0%}). {NOISE_ADVICE}"
+    )
+
+
+def _is_noisy(target: TargetCloud) -> bool:
+    """Return whether most points above the threshold are noise of the table."""
+    return len(target.points) >= MIN_POINTS and target.n_below > MAX_NOISE_SHARE * len(target.points)
 
 
 def _is_sensor_stuck(target: TargetCloud) -> bool:

@@ -9,10 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.errors import ContradictingViewsError
+from recognition.errors import ContradictingViewsError, DepthNoiseError
 from recognition.model.quality import ExclusionReason
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.table_scatter import NOISE_ADVICE, max_scatter_m
 from recognition.registration.correspondences import anchor_points
 
 MAX_FREE_SPACE_VIOLATION = 0.025
@@ -21,6 +22,8 @@ MAX_FREE_SPACE_VIOLATION = 0.025
 Consistent views have a share of 0. A view with an error of 20 mm along a straight string of 0.4 m has 0.035.
 Other wrong views have 0.2 or more.
 """
+CONFIDENCE_Z = 1.96
+"""Quantile of the normal distribution of the lower confidence bound of a share of points (97.5 %, one-sided)."""
 MIN_FACING_COSINE = 0.5
 """Minimum cosine between the surface normal and the direction to the camera. Surface at a grazing angle is not checked,
 because its depth is the least accurate."""
@@ -49,31 +52,36 @@ MIN_CHECKED_POINTS = 60
 
 
 def find_inconsistent_views(
-    clouds: Sequence[NormalCloud], robot_errors: NDArray[np.float64], parameters: ChainParameters
+    clouds: Sequence[NormalCloud],
+    robot_errors: NDArray[np.float64],
+    parameters: ChainParameters,
+    table_z_m: float | None = None,
 ) -> dict[int, ExclusionReason]:
     """Return the views that contradict the other views, each with the reason.
 
     The most contradicting view is removed first, and the remaining views are then compared again. A single wrong view
-    therefore does not exclude correct views.
+    therefore does not exclude correct views. The share of a pair of views has the weight of its checked points, and the
+    lower confidence bound of the share over all pairs must exceed the limit too.
 
     Args:
         clouds: Registered views, base frame.
         robot_errors: (V,) Mahalanobis norm of the robot error of each view, from registration.
-        parameters: Method parameters; uses the radius r.
+        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        table_z_m: Height of the table plane, metres, base frame; None if unknown.
 
     Returns:
         Reasons by view index; empty if all views are consistent.
 
     Raises:
         ContradictingViewsError: At least half of the views would have to be excluded.
+        DepthNoiseError: The same, but the depth scatters so much that noise explains it.
     """
-    violations = free_space_violations(clouds, parameters)
-    contradictions = np.maximum(violations, violations.T)
+    contradictions, n_checked = _contradictions(*free_space_violations(clouds, parameters, table_z_m))
     kept = list(range(len(clouds)))
     reasons: dict[int, ExclusionReason] = {}
     while len(kept) > 1:
         among_kept = contradictions[np.ix_(kept, kept)]
-        scores = np.array([_upper_median(np.delete(row, i)) for i, row in enumerate(among_kept)])
+        scores = _view_scores(among_kept, n_checked[np.ix_(kept, kept)])
         if scores.max() <= MAX_FREE_SPACE_VIOLATION:
             break
         worst = int(np.where(scores > MAX_FREE_SPACE_VIOLATION, among_kept.sum(axis=1), -1.0).argmax())
@@ -84,6 +92,7 @@ def find_inconsistent_views(
         )
         del kept[worst]
     if len(kept) <= len(clouds) / 2:
+        _raise_if_noisy(clouds, parameters)
         i, j = divmod(int(contradictions.argmax()), len(clouds))
         raise ContradictingViewsError(
             f"views {clouds[i].view} and {clouds[j].view} contradict each other ({contradictions[i, j]:.0%} of the "
@@ -100,6 +109,7 @@ def find_inconsistent_views(
                 f"views: {median_error:.0f}): it was not captured at the pose that the arm reported",
             )
     if len(clouds) - len(reasons) <= len(clouds) / 2:
+        _raise_if_noisy(clouds, parameters)
         raise ContradictingViewsError(
             f"{len(reasons)} of {len(clouds)} views would have to be excluded, and no majority of the views agrees: "
             f"{'; '.join(f'view {view}: {reason.message}' for view, reason in reasons.items())}; check the poses and "
@@ -108,7 +118,9 @@ def find_inconsistent_views(
     return reasons
 
 
-def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> NDArray[np.float64]:
+def free_space_violations(
+    clouds: Sequence[NormalCloud], parameters: ChainParameters, table_z_m: float | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the share of the surface of each view that lies in the free space of each other view.
 
     A point lies in the free space of a view if the view measured surface more than r behind the point. The same
@@ -116,11 +128,14 @@ def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParame
 
     Args:
         clouds: The V registered views, base frame.
-        parameters: Method parameters; uses the radius r.
+        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        table_z_m: Height of the table plane, metres, base frame. A depth more than z_t below it is an error and shows
+            no free space. None: every depth counts.
 
     Returns:
-        Shares (V, V), 0 to 1. Entry (i, j) is the share of the checked surface of view j in the free space of view i.
-        It is zero if view i has no depth image, or if view i does not see the surface of view j.
+        Shares (V, V), 0 to 1, and the numbers (V, V) of points that they are taken from. Entry (i, j) is the share of
+        the checked surface of view j in the free space of view i. It is zero if view i has no depth image, or if view i
+        does not see the surface of view j.
     """
     n_views = len(clouds)
     n_checked_points = max(
@@ -130,19 +145,65 @@ def free_space_violations(clouds: Sequence[NormalCloud], parameters: ChainParame
     points = np.vstack([cloud.points[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     normals = np.vstack([cloud.normals[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     view = np.repeat(np.arange(n_views), [len(chosen) for chosen in anchors])
-    result = np.zeros((n_views, n_views))
+    min_z_m = -np.inf if table_z_m is None else table_z_m - parameters.z_t
+    n_violating, n_checked = np.zeros((2, n_views, n_views), dtype=np.int64)
     for i, cloud in enumerate(clouds):
-        checked, violating = _check_points(cloud, points, normals, parameters.r)
-        n_checked = np.bincount(view[checked], minlength=n_views)
-        result[i] = np.bincount(view[violating], minlength=n_views) / np.maximum(n_checked, 1)
-        result[i, i] = 0.0
-    return result
+        checked, violating = _check_points(cloud, points, normals, parameters.r, min_z_m)
+        n_checked[i] = np.bincount(view[checked], minlength=n_views)
+        n_violating[i] = np.bincount(view[violating], minlength=n_views)
+    np.fill_diagonal(n_checked, 0)
+    np.fill_diagonal(n_violating, 0)
+    return n_violating / np.maximum(n_checked, 1), n_checked
+
+
+def _contradictions(
+    violations: NDArray[np.float64], n_checked: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the larger share of each pair of views (V, V), and the number of points (V, V) that it is taken from."""
+    is_larger = (violations > violations.T) | ((violations == violations.T) & (n_checked >= n_checked.T))
+    return np.maximum(violations, violations.T), np.where(is_larger, n_checked, n_checked.T)
+
+
+def _view_scores(shares: NDArray[np.float64], n_checked: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the score (V,) of each view: the weighted median of its shares, or the bound over all if that is less.
+
+    The weights of the shares (V, V) are their numbers of checked points (V, V), because few points say little.
+    """
+    return np.array(
+        [
+            min(_upper_median(row, weight), _lower_bound(float(row @ weight), int(weight.sum())))
+            for row, weight in zip(shares, n_checked, strict=True)
+        ]
+    )
+
+
+def _lower_bound(count: float, n: int) -> float:
+    """Return the lower confidence bound of a share that was measured as `count` of `n` points (Wilson score)."""
+    if n == 0:
+        return 0.0
+    share, z2 = count / n, CONFIDENCE_Z**2
+    margin = CONFIDENCE_Z * float(np.sqrt(share * (1 - share) / n + z2 / (4 * n**2)))
+    return (share + z2 / (2 * n) - margin) / (1 + z2 / n)
+
+
+def _raise_if_noisy(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> None:
+    """Raise DepthNoiseError if the depth scatters so much that it explains why views contradict each other."""
+    scatter_m, limit_m = float(np.median([cloud.scatter.pixel_m for cloud in clouds])), max_scatter_m(parameters)
+    if scatter_m > limit_m:
+        raise DepthNoiseError(
+            f"the depth of the table scatters by {scatter_m * 1000:.1f} mm (one sigma, median of {len(clouds)} views), "
+            f"and the views contradict each other. With more than {limit_m * 1000:.1f} mm, two views can differ by the "
+            f"string radius of {parameters.r * 1000:.1f} mm although nothing moved. {NOISE_ADVICE}"
+        )
 
 
 def _check_points(
-    cloud: NormalCloud, points: NDArray[np.float64], normals: NDArray[np.float64], radius: float
+    cloud: NormalCloud, points: NDArray[np.float64], normals: NDArray[np.float64], radius: float, min_z_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of the points (N, 3) that the view can check, and of the points in its free space."""
+    """Return the indices of the points (N, 3) that the view can check, and of the points in its free space.
+
+    Depths below the height `min_z_m` count as not measured.
+    """
     if cloud.image is None or cloud.T_base_camera is None:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     T, K, depth = cloud.T_base_camera, cloud.image.K, cloud.image.depth
@@ -160,11 +221,17 @@ def _check_points(
     pixel = np.where(is_inside, v, 0).astype(np.intp) * depth.shape[1] + np.where(is_inside, u, 0).astype(np.intp)
     measured_z = depth.take(pixel) * cloud.image.depth_unit_m * is_inside
     is_measured = measured_z > 0
+    if np.isfinite(min_z_m):
+        a, b, c = T[2, :3]
+        is_measured &= T[2, 3] + measured_z * (a * (x + dx) / z + b * (y + dy) / z + c) > min_z_m
     is_checked = is_measured[0] & (is_measured.sum(axis=0) >= MIN_MEASURED)
     is_free = is_checked & (~is_measured | (measured_z > z + radius)).all(axis=0)
     return visible[is_checked], visible[is_free]
 
 
-def _upper_median(values: NDArray[np.float64]) -> float:
-    """Return the median; for an even number of values, the larger of the middle two."""
-    return float(np.sort(values)[len(values) // 2]) if len(values) else 0.0
+def _upper_median(values: NDArray[np.float64], weights: NDArray[np.int64]) -> float:
+    """Return the weighted median; between two values, the larger one."""
+    if weights.sum() == 0:
+        return 0.0
+    order = np.argsort(values)
+    return float(values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2, side="right")])

@@ -61,6 +61,7 @@ def register(
     parameters: ChainParameters,
     correspondences: Sequence[Correspondences] | None = None,
     sigmas: PoseSigmas | None = None,
+    table_z_m: float | None = None,
 ) -> Registration:
     """Align all views to each other and to the given poses, and merge them into one cloud.
 
@@ -72,12 +73,14 @@ def register(
         correspondences: Correspondences of each view with the earlier views of `compared_views`, from
             `find_correspondences`. None: they are searched here.
         sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
+        table_z_m: Height of the table plane, metres, base frame. A depth far below it is an error. None: unknown.
 
     Returns:
         The merged cloud, the registered views and the quality of each view.
 
     Raises:
         ContradictingViewsError: At least half of the views would have to be excluded.
+        DepthNoiseError: The same, but the depth scatters so much that noise explains it.
         TooCrowdedError: The merged cloud has too many points for a scene of strings.
 
     Source:
@@ -93,7 +96,7 @@ def register(
 
     alignment, registered = _align(clouds, correspondences, is_compared, centre, parameters, sigmas)
 
-    reasons = find_inconsistent_views(registered, alignment.robot_errors, parameters)
+    reasons = find_inconsistent_views(registered, alignment.robot_errors, parameters, table_z_m)
     kept = [k for k, cloud in enumerate(clouds) if cloud.view not in reasons]
     used = [clouds[k] for k in kept]
     if reasons:

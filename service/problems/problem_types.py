@@ -259,6 +259,14 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "for this camera; then scan again. If this continues, verify the calibration.",
         group="Check string and table",
     ),
+    "depth-noise": ProblemType(
+        title="Too much depth noise",
+        status=422,
+        cause="The measured depth of the table scatters too much for strings of this radius.",
+        action="Move the viewpoints nearer, use a higher resolution or more exposures, give the table more texture or "
+        "light, or use thicker strings; then scan again. `detail` has the scatter and the limit.",
+        group="Check string and table",
+    ),
     "insufficient-views": ProblemType(
         title="Too few usable views",
         status=422,

@@ -101,13 +101,18 @@ def of_plane(view: View, z_m: float, finer: int = 1) -> View:
     return replace(view, depth=depth.astype(np.uint16), K=K)
 
 
-def with_noisy_table(scan: SimulatedScan, sigma_m: float) -> list[View]:
-    """Return the views of a scan with noise on all pixels but those of the string and its edge."""
+def with_noisy_table(scan: SimulatedScan, sigma_m: float, block: int = 1) -> list[View]:
+    """Return the views of a scan with noise on all pixels but those of the string and its edge.
+
+    The pixels of a block share the noise.
+    """
     rng, noisy = np.random.default_rng(1), []
     for view in scan.views:
         plane = of_plane(view, 0.003).depth.astype(np.float64)
         is_table = (view.depth > plane) & (view.depth > 0)
-        noise = rng.normal(0, sigma_m / view.depth_unit_m, view.depth.shape)
+        height, width = view.depth.shape
+        noise = rng.normal(0, sigma_m / view.depth_unit_m, (-(-height // block), -(-width // block)))
+        noise = noise.repeat(block, axis=0).repeat(block, axis=1)[:height, :width]
         noisy.append(replace(view, depth=np.where(is_table, view.depth + noise, view.depth).astype(np.uint16)))
     return noisy
 
@@ -301,6 +306,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "scene-changed": moved_before_the_last_view,
     "calibration-drift": drifted,
     "table-elsewhere": lower_table,
+    "depth-noise": lambda: findings_of(one_string(), views=with_noisy_table(one_string(), 0.003)),
     "end-at-border": lambda: findings_of(one_string(), half_m=0.0985),
     "radius-smaller": with_radius(0.005),
     "radius-larger": with_radius(0.0036),
@@ -325,6 +331,9 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "view-stuck": excluded(lambda view: with_depth(int(np.median(view.depth)) - 20)(view)),
     "view-without-string": excluded(lambda view: of_plane(view, 0.0)),
     "view-crowded": crowded,
+    "view-noisy": lambda: findings_of(
+        one_string(), views=with_view(one_string(), 2, lambda _: with_noisy_table(one_string(), 0.007, block=4)[2])
+    ),
     "view-contradicting": contradicting,
     "view-pose-error": wrong_pose,
 }
@@ -365,6 +374,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "scene-changed": has("chains view"),
     "calibration-drift": has("chains value limit", "above"),
     "table-elsewhere": has("chains value limit", "above"),
+    "depth-noise": has("value limit", "above"),
     "end-at-border": has("chains end part point"),
     "radius-smaller": has("chains value limit", "below"),
     "radius-larger": has("chains value limit", "above"),
@@ -378,9 +388,9 @@ EXPECTED: dict[FindingCode, Expected] = {
     "piece-not-round": has("point value"),
     "piece-in-table": has("point value"),
     "piece-upright": has("point value"),
-    "more-pieces": has("value"),
+    "more-pieces": has("point value"),
     "unexplained-surface": has("point value limit", "above"),
-    "more-unexplained-surface": has("value"),
+    "more-unexplained-surface": has("point value"),
     "single-view-not-aligned": has("chains view"),
     "single-view": has("view"),
     "depth-warp": has("value limit", "above"),
@@ -389,6 +399,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "view-stuck": has("view"),
     "view-without-string": has("view"),
     "view-crowded": has("view"),
+    "view-noisy": has("view"),
     "view-contradicting": has("view"),
     "view-pose-error": has("view"),
 }

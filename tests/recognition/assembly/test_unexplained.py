@@ -71,6 +71,11 @@ def test_the_largest_come_first_and_the_rest_are_counted(table_1: ChainParameter
     assert [found.code for found in listed] == ["unexplained-surface"] * MAX_LISTED_PIECES
     assert [found.value for found in listed] == pytest.approx([0.026, 0.025, 0.024, 0.023, 0.022], abs=1e-12)
     assert (further.code, further.value) == ("more-unexplained-surface", 2)
+    assert further.message.startswith(
+        "2 more things of 20 to 21 mm are above the table and in no chain, the largest at"
+    )
+    assert further.point_m is not None
+    assert further.point_m[1] == pytest.approx(0.04)
 
 
 def test_a_closed_chain_explains_its_closing_link(table_1: ChainParameters) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.view_findings import drift_findings, view_findings
+from recognition.assembly.view_findings import MAX_LISTED_VIEWS, drift_findings, view_findings
 from recognition.model.chains import Chain
 from recognition.model.findings import finding
 from recognition.model.quality import ViewQuality
@@ -36,6 +36,15 @@ def test_each_excluded_view_is_a_note_with_its_index_and_reason() -> None:
     ]
     assert [found.message for found in findings] == [f"view {k} was excluded: its reason" for k in (1, 4)]
     assert all(found.chains == () for found in findings)
+
+
+def test_many_views_excluded_for_one_cause_have_one_note() -> None:
+    noisy = [replace(excluded(k, "view-noisy"), points=100 * k, reason=f"reason {k}") for k in range(1, 26)]
+    found, stuck = view_findings([USED, *noisy, excluded(30, "view-stuck")], range(31), CHAINS)
+    assert (found.code, found.view, stuck.code) == ("view-noisy", 25, "view-stuck")
+    assert found.message.startswith("25 views were excluded for one cause (1, 2, 3, ")
+    assert found.message.endswith("for example view 25: reason 25")
+    assert len(view_findings([USED, *noisy[:MAX_LISTED_VIEWS]], range(4), CHAINS)) == MAX_LISTED_VIEWS
 
 
 def test_used_views_give_no_finding() -> None:

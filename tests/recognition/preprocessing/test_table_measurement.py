@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,12 @@ def test_a_box_is_no_table() -> None:
     plane = measure_table(first_view(plate(0.04, 0.1)), SCENE)
     assert plane is not None
     assert plane.height_at(np.zeros(2)) == pytest.approx(0.0, abs=5e-4)
+
+
+def test_noise_is_no_second_plane() -> None:
+    view = first_view()
+    noise = np.random.default_rng(1).normal(0, 0.0025 / view.depth_unit_m, view.depth.shape)
+    plane = measure_table(replace(view, depth=np.round(view.depth + noise).astype(np.uint16)), SCENE)
+    assert plane is not None
+    assert plane.height_at(np.zeros(2)) == pytest.approx(0.0, abs=7e-4)
+    assert not plane.has_rival

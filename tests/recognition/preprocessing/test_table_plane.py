@@ -76,3 +76,12 @@ def test_no_correction_beyond_the_limit_of_a_pose_error(
 ) -> None:
     points = table_points(height_m, slope_x, slope_y)
     np.testing.assert_array_equal(table_alignment(points, 0.0, table_1), np.eye(4))
+
+
+@pytest.mark.parametrize("noise_m", [0.001, 0.002, 0.003])
+def test_noise_is_not_taken_for_a_plane_below_the_table(table_1: ChainParameters, noise_m: float) -> None:
+    """With 2 mm, a quarter of the points is as far below the plane as points of another plane would be."""
+    points = table_points(0.001, 0.0, 0.0)
+    points[:, 2] += np.random.default_rng(1).normal(0, noise_m, len(points))
+    T = table_alignment(points, 0.0, table_1)
+    assert abs(transform_points(T, np.array([[0.0, 0.0, 0.001]]))[0, 2]) < 0.0004

@@ -182,3 +182,20 @@ def test_the_border_of_the_workspace_is_its_sides_and_its_top(point: tuple[float
     scene = Scene(workspace_m=((-0.1, 0.1), (-0.2, 0.2), (0.0, 0.1)))
     assert scene.is_near_border(np.array(point), 0.01) == is_near
     assert not Scene().is_near_border(np.array(point), 0.01)
+
+
+def noisy_table(noise_m: float) -> View:
+    """Return a view of a bare table with noise that blocks of 4 x 4 pixels share."""
+    noise = np.random.default_rng(1).normal(0, noise_m, (60, 80)).repeat(4, axis=0).repeat(4, axis=1)
+    K_fine = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 120.0], [0.0, 0.0, 1.0]])
+    return View(7, np.round((0.5 + noise) / 1e-4).astype(np.uint16), 1e-4, K_fine, T_BASE_CAMERA, np.eye(4))
+
+
+def test_noise_gives_as_many_points_below_the_table_as_above(table_1: ChainParameters) -> None:
+    workspace = ((-0.2, 0.4), (-0.1, 0.5), (-0.001, 0.3))
+    target = preprocess(noisy_table(0.0025), table_1, Scene(0.0, workspace))
+    assert target.scatter.pixel_m == pytest.approx(0.0025, rel=0.15)
+    assert len(target.points) > 500
+    assert target.n_below == pytest.approx(len(target.points), rel=0.3)
+    # A string radius of 4.2 mm allows a scatter of 1 mm.
+    assert preprocess(noisy_table(0.0005), table_1, Scene(0.0, workspace)).n_below == 0

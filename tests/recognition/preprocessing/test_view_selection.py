@@ -1,9 +1,12 @@
 """Selection of views, and the reasons for exclusion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from recognition.errors import InsufficientViewsError, NoDepthError
+from recognition.errors import DepthNoiseError, InsufficientViewsError, NoDepthError
+from recognition.preprocessing.table_scatter import TableScatter
 from recognition.preprocessing.target_cloud import TargetCloud
 from recognition.preprocessing.view_selection import MIN_POINTS, select_views
 
@@ -114,3 +117,23 @@ def test_a_string_in_only_one_view_of_the_table_is_an_error() -> None:
 
 def test_the_errors_have_different_slugs() -> None:
     assert (InsufficientViewsError.slug, NoDepthError.slug) == ("insufficient-views", "no-depth")
+
+
+def noisy(view: int) -> TargetCloud:
+    return replace(target(view), scatter=TableScatter(0.0023, 0.001), n_below=400, threshold_m=0.005)
+
+
+def test_few_noisy_views_are_excluded_and_many_are_refused() -> None:
+    selection = select_views([target(0), noisy(1), target(2)])
+    assert [view.view for view in selection.used] == [0, 2]
+    assert [(view.index, view.code) for view in selection.excluded] == [(1, "view-noisy")]
+    with pytest.raises(
+        DepthNoiseError, match=r"scatters by 2.3 mm .*threshold of 5.0 mm are noise.*limit 50%"
+    ) as caught:
+        select_views([target(0), noisy(1), noisy(2)])
+    assert "Move the viewpoints nearer" in str(caught.value)
+
+
+def test_a_noisy_view_says_nothing_about_the_string_of_a_single_view() -> None:
+    """Unlike a view of a bare table, which contradicts it."""
+    assert [view.view for view in select_views([target(0), noisy(1)]).used] == [0]

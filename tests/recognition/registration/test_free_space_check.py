@@ -8,12 +8,14 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from recognition.errors import ContradictingViewsError
+from recognition.errors import ContradictingViewsError, DepthNoiseError
 from recognition.model.quality import ExclusionReason
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.table_scatter import TableScatter
 from recognition.registration import free_space_check
 from recognition.registration.free_space_check import (
+    MAX_FREE_SPACE_VIOLATION,
     MAX_ROBOT_SIGMA,
     find_inconsistent_views,
     free_space_violations,
@@ -46,15 +48,21 @@ def inconsistent(
     return find_inconsistent_views(clouds, np.full(len(clouds), robot), table_1)
 
 
+def violations_of(
+    clouds: Sequence[NormalCloud], table_1: ChainParameters, table_z_m: float | None = None
+) -> np.ndarray:
+    return free_space_violations(clouds, table_1, table_z_m)[0]
+
+
 def test_views_of_one_scene_have_no_free_space_violations(table_1: ChainParameters) -> None:
     # Pose errors reach 1.5 mm, which is not another position.
     clouds = [strip(0, 0.0), strip(1, 0.0015), strip(2, -0.001)]
-    np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
+    np.testing.assert_array_equal(violations_of(clouds, table_1), 0.0)
     assert inconsistent(clouds, table_1) == {}
 
 
 def test_a_strip_at_another_position_is_in_free_space(table_1: ChainParameters) -> None:
-    violations = free_space_violations([strip(0, 0.0), strip(1, 0.02)], table_1)
+    violations = violations_of([strip(0, 0.0), strip(1, 0.02)], table_1)
     assert (np.diag(violations) == 0).all()
     assert min(violations[0, 1], violations[1, 0]) > 0.9
 
@@ -97,10 +105,10 @@ def test_the_number_of_checked_points_is_linear_in_the_number_of_views(
     check = free_space_check._check_points
 
     def counted(
-        cloud: NormalCloud, points: np.ndarray, normals: np.ndarray, radius: float
+        cloud: NormalCloud, points: np.ndarray, normals: np.ndarray, radius: float, min_z_m: float
     ) -> tuple[np.ndarray, np.ndarray]:
         checked.append(len(points))
-        return check(cloud, points, normals, radius)
+        return check(cloud, points, normals, radius, min_z_m)
 
     monkeypatch.setattr(free_space_check, "_check_points", counted)
     cloud = strip(0, 0.0)
@@ -146,16 +154,16 @@ def test_a_view_does_not_contradict_surface_that_it_does_not_see(table_1: ChainP
     before = hidden.image.depth.copy()
     before[60:140, 200:260] = 3000
     hidden = replace(hidden, image=image(2, before))
-    np.testing.assert_array_equal(free_space_violations([whole, half, hidden], table_1), 0.0)
+    np.testing.assert_array_equal(violations_of([whole, half, hidden], table_1), 0.0)
     # Behind the camera, and outside its image.
     away = replace(strip(3, 0.0), points=strip(3, 0.0).points + np.array([0.0, 0.0, 1.0]))
     aside = replace(strip(4, 0.0), points=strip(4, 0.0).points + np.array([1.0, 0.0, 0.0]))
-    np.testing.assert_array_equal(free_space_violations([whole, away, aside], table_1)[0], 0.0)
+    np.testing.assert_array_equal(violations_of([whole, away, aside], table_1)[0], 0.0)
 
 
 def test_without_images_nothing_is_contradicted(table_1: ChainParameters) -> None:
     clouds = [replace(strip(k, 0.02 * k), image=None) for k in range(3)]
-    np.testing.assert_array_equal(free_space_violations(clouds, table_1), 0.0)
+    np.testing.assert_array_equal(violations_of(clouds, table_1), 0.0)
     assert inconsistent(clouds, table_1) == {}
 
 
@@ -169,3 +177,48 @@ def test_a_view_with_an_implausible_robot_error_is_excluded(table_1: ChainParame
     # If the arm is worse than assumed in all views, no single view is at fault. Of two views, either may be wrong.
     assert find_inconsistent_views(clouds, robot + 8, table_1) == {}
     assert find_inconsistent_views(clouds[1:3], robot[1:3], table_1) == {}
+
+
+def with_noise(cloud: NormalCloud, scatter_m: float) -> NormalCloud:
+    return replace(cloud, scatter=TableScatter(scatter_m, scatter_m))
+
+
+def test_noise_is_the_reason_if_it_explains_the_contradictions(table_1: ChainParameters) -> None:
+    """With a scatter of 1 mm, two depths differ by the radius of 4.2 mm in 3 sigma."""
+    clouds = [strip(k, 0.02 * (k % 2)) for k in range(4)]
+    with pytest.raises(DepthNoiseError, match=r"scatters by 1\.2 mm .*more than 1\.0 mm.*radius of 4\.2 mm") as caught:
+        inconsistent([with_noise(cloud, 0.0012) for cloud in clouds], table_1)
+    assert caught.value.slug == "depth-noise"
+    with pytest.raises(ContradictingViewsError):
+        inconsistent([with_noise(cloud, 0.0008) for cloud in clouds], table_1)
+
+
+def test_a_depth_far_below_the_table_shows_no_free_space(table_1: ChainParameters) -> None:
+    deep = strip(1, 0.0)
+    assert deep.image is not None
+    deep = replace(deep, image=image(1, np.where(deep.image.depth == 3920, 4200, 4000).astype(np.uint16)))
+    clouds = [strip(0, 0.0), deep, strip(2, 0.0)]
+    assert violations_of(clouds, table_1)[1, 0] > 0.5
+    np.testing.assert_array_equal(violations_of(clouds, table_1, 0.0), 0.0)
+    # The table itself shows free space.
+    assert (
+        violations_of([strip(0, 0.0), strip(1, 0.02)], table_1, 0.0).min(where=~np.eye(2, dtype=bool), initial=1) > 0.9
+    )
+
+
+def test_few_points_are_no_contradiction() -> None:
+    """The same share of 5 % is a contradiction if it is measured on many points."""
+    shares = np.full((4, 4), 0.05)
+    np.fill_diagonal(shares, 0.0)
+    few, many = (np.full((4, 4), n) - n * np.eye(4, dtype=np.int64) for n in (20, 600))
+    assert free_space_check._view_scores(shares, few).max() < MAX_FREE_SPACE_VIOLATION
+    assert free_space_check._view_scores(shares, many).min() > MAX_FREE_SPACE_VIOLATION
+
+
+def test_pairs_of_views_with_few_points_have_little_weight() -> None:
+    """Two of three pairs of a view share ten points, of which one is in free space. The third one agrees."""
+    shares, counts = np.zeros((4, 4)), np.full((4, 4), 300)
+    shares[:3, :3], counts[:3, :3] = 0.1, 10
+    np.fill_diagonal(shares, 0.0)
+    np.fill_diagonal(counts, 0)
+    assert free_space_check._view_scores(shares, counts).max() < MAX_FREE_SPACE_VIOLATION

@@ -80,6 +80,7 @@ def test_excluded_pieces_are_listed_by_length_and_the_rest_are_counted(table_1: 
     assert none_found.code == "no-string-found"
     assert [found.value for found in excluded] == pytest.approx([0.011 - 0.0005 * k for k in range(10)], abs=1e-9)
     assert (further.code, further.value) == ("more-pieces", 3)
+    assert further.message == "excluded 3 more pieces, 5 to 6 mm long, the longest at (3, 40, 4) mm"
 
 
 def test_no_strand_gives_a_note(table_1: ChainParameters) -> None:

@@ -143,8 +143,8 @@ def test_a_result_that_does_not_exist_is_named(
 
 
 INJECTED = (
-    "duplicate-view", "insufficient-views", "invalid-gripper", "invalid-scene", "invalid-view", "not-rigid",
-    "recognition-timeout", "recording-content", "table-elsewhere", "too-crowded",
+    "depth-noise", "duplicate-view", "insufficient-views", "invalid-gripper", "invalid-scene", "invalid-view",
+    "not-rigid", "recognition-timeout", "recording-content", "table-elsewhere", "too-crowded",
 )  # fmt: skip
 """Failures of the recognition process for which no recording or configuration that the service accepts is small."""
 

@@ -53,6 +53,7 @@ export const FAULTS: Record<string, string> = {
   "no-depth": "bad-images-or-too-few-views",
   "insufficient-views": "bad-images-or-too-few-views",
   "contradicting-views": "bad-images-or-too-few-views",
+  "depth-noise": "bad-images-or-too-few-views",
   "calibration": "calibration-missing-old-or-drifted",
   "calibration-refused": "calibration-missing-old-or-drifted",
   "viewpoints-unreachable": "viewpoints-out-of-reach",
