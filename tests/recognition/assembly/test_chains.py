@@ -250,6 +250,12 @@ def test_a_string_that_nothing_supports_is_a_doubt(seen: Callable, straight: Cal
     over = straight((0, 0, R), (0.2, 0, R))
     over[:, 2] += 2 * R * np.exp(-(((over[:, 0] - 0.1) / 0.025) ** 2))
     assert findings_on(over, straight((0.1, -0.1, R), (0.1, 0.1, R))) == ()
+    # One that lies on two others, as in a heap, is supported. On one of them, nothing supports its other half.
+    others = [straight((x, -0.1, R), (x, 0.1, R)) for x in (0.04, 0.16)]
+    upper = straight((0, 0, 3 * R), (0.2, 0, 3 * R))
+    assert findings_on(upper, *others) == ()
+    (doubt,) = findings_on(upper, others[0])
+    assert doubt.code == "above-table"
 
 
 def test_a_string_that_may_be_a_bar_is_kept_with_a_doubt(
