@@ -64,7 +64,7 @@ that says why it has its value. Lengths are in radii.
 | pairing of the ends | `end_pairing.py` | `MAX_GAP_RADII` 14, `MIN_BEND_RADII` 2.5, `MIN_CERTAIN_MARGIN` 2 |
 | tube fit | `tube_fit.py`, `refinement.py` | `BEND_SIGMA_RADII` 1/38, `STEP_RADII` 0.7, `MAX_DEVIATION_SHARE` 0.12 |
 | string test | `string_classifier.py` | `MIN_LENGTH_RADII` 10, `MAX_ROUNDNESS_ERROR` 0.04, `MAX_SQUARENESS` 0.25 |
-| sigma | `uncertainty.py` | `SYSTEMATIC_SHARE` 0.35, `MIN_SIGMA_M` 0.1 mm |
+| sigma | `uncertainty.py`, `hidden_lengths.py` | `SYSTEMATIC_SHARE` 0.35, `MIN_SIGMA_M` 0.1 mm, `BEND_LENGTH_RADII` 2 |
 | registration, for all methods | `pose_prior.py`, `multiview_icp.py` | `PoseSigmas`, `INDEPENDENT_SHARE` 0.05 |
 """
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from recognition.assembly.string_contacts import rests_on_both_sides
 from recognition.assembly.uncertainty import point_uncertainty
 from recognition.messages import format_position
 from recognition.model.canonical_order import order_key
@@ -81,9 +82,10 @@ def assemble_fitted_chains(
         sigma_m, views = point_uncertainty(strand, registration, scatter_m)
         ends = classify_ends(strand, occlusion_map, scene, parameters)
         chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
-        findings += _shape_findings(chains[-1], strand, support) + _radius_findings(chains[-1], strand, parameters)
+    for chain, (strand, _) in zip(chains, strings, strict=True):
+        findings += _shape_findings(chain, strand, support, chains) + _radius_findings(chain, strand, parameters)
         if is_other_rod(strand, parameters.r):
-            findings.append(_possible_rod(chains[-1]))
+            findings.append(_possible_rod(chain))
     return ChainAssembly(tuple(chains), tuple(findings))
 
 
@@ -116,8 +118,10 @@ def classify_ends(
     return kinds[0], kinds[1]
 
 
-def _shape_findings(chain: Chain, strand: FittedStrand, support: SupportSurface) -> list[Finding]:
-    """Return the findings on a chain that may not be round, and on a chain that does not lie on its support."""
+def _shape_findings(
+    chain: Chain, strand: FittedStrand, support: SupportSurface, chains: Sequence[Chain]
+) -> list[Finding]:
+    """Return the findings on a chain that may not be round, and on a chain that lies on nothing that is known."""
     findings = []
     squareness = max_squareness(strand)
     if squareness > MAX_SQUARENESS:
@@ -134,7 +138,7 @@ def _shape_findings(chain: Chain, strand: FittedStrand, support: SupportSurface)
     height = support.height_under(chain.points, chain.radius_m)
     gap = float(np.percentile(chain.points[:, 2], RESTING_PERCENTILE)) - height - chain.radius_m
     max_gap = MAX_TABLE_GAP_RADII * chain.radius_m
-    if gap > max_gap:
+    if gap > max_gap and not rests_on_both_sides(chain, chains, height, max_gap):
         message = (
             f"chain {chain.id} lies {gap * 1000:.1f} mm above what is beside it along nearly all its length: it "
             "rests on something narrow, or it is the edge of an object"

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, unit_vectors
+from recognition.assembly.hidden_lengths import hidden_variance
+from recognition.geometry.polyline import unit_vectors
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
@@ -29,8 +30,6 @@ SYSTEMATIC_VIEWS = 8
 disparity."""
 MIN_SIGMA_M = 0.0001
 """Lower limit of sigma, metres. The errors of the lens and of the depth scale are common to all views."""
-MIN_HIDDEN_BEND_RADII = 8.0
-"""Assumed minimum bend radius of a string where it is hidden, in radii of the string."""
 
 
 def point_uncertainty(
@@ -38,12 +37,12 @@ def point_uncertainty(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the sigma across the string and the number of views at each point of a fitted strand.
 
-    An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of four terms:
+    An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of three terms:
 
     - pose errors of the views after registration;
-    - the error of the fit, from the surface scatter and the support of the point;
-    - errors that are common to all depth measurements;
-    - the possible deviation of the string where it is hidden.
+    - the error of the fit, from the surface scatter and the support of the point, and where the string is hidden, from
+      the fit beside the hidden length and from the bends that the string may have there;
+    - errors that are common to all depth measurements.
 
     Args:
         strand: Fitted strand with N points.
@@ -57,16 +56,12 @@ def point_uncertainty(
     views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
     fit = 1.5 * scatter_m**2 / np.maximum(strand.support, 1e-3)
     hidden = strand.bridged
-    deviation = np.zeros(len(hidden))
     if hidden.any() and not hidden.all():
-        s = arc_length(strand.points)
-        distance, nearest = KDTree(s[~hidden, None]).query(s[hidden, None])
-        fit[hidden] = fit[~hidden][np.asarray(nearest)]
-        deviation[hidden] = np.asarray(distance) ** 2 / (2 * MIN_HIDDEN_BEND_RADII * strand.radius_m)
+        fit[hidden] = hidden_variance(strand, fit)
     patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds]))
     averaging = SYSTEMATIC_VIEWS / min(len(registration.clouds), SYSTEMATIC_VIEWS)
     common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * max(scatter_m, patch_m)) ** 2 * averaging
-    return np.sqrt(_pose_variance(strand.points, registration) + fit + deviation**2 + common), views
+    return np.sqrt(_pose_variance(strand.points, registration) + fit + common), views
 
 
 def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:

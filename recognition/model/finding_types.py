@@ -177,7 +177,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "above-table": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The chain lies above what is beside it, along nearly all its length. It may be an edge.",
+        meaning="The chain lies above what is beside it, and on no strings that support it. It may be an edge.",
         action="Check the table height. Ask a person what lies there.",
         decision="ask a person",
         value="height of the underside above the surface on both sides, m",

@@ -44,6 +44,12 @@ With a scatter of r / 4, a measured radius has an error of about r / 6. This err
 """
 RESTING_PERCENTILE = 20.0
 """Percentile of the heights along a string. At this height, the string is assumed to rest on the table."""
+LOWEST_PERCENTILE = 5.0
+"""Percentile of the heights along a string of its lowest part, without outliers."""
+MAX_RESTING_SPREAD_SHARE = 0.08
+"""Maximum difference of the radii from both percentiles, as a share of the fitted radius. A string is equally high
+wherever it rests, but not where it hangs between others in a heap. The limit is below `MAX_DEVIATION_SHARE`, so that a
+hanging string seems not to contradict r."""
 MAX_RESTING_EXCESS_SHARE = 0.2
 """Maximum share by which the radius from the height above the table may exceed the fitted radius."""
 MIN_RADIUS_SHARE = 0.4
@@ -171,13 +177,15 @@ def _measure_radii(fit: TubeFit, support: SupportSurface) -> NDArray[np.float64]
     Where a string rests on the table or on a large object, its radius is half the height of its top above it. This
     radius is more accurate than the fitted radius: flying pixels at the rims and noise along the line of sight change
     the fitted radius by up to 10 %. If half the height of the top exceeds the fitted radius by more than
-    `MAX_RESTING_EXCESS_SHARE`, the string does not rest on it. The fitted radius is then used.
+    `MAX_RESTING_EXCESS_SHARE`, or if the lowest part of the string is much lower than that, the string does not rest on
+    it. The fitted radius is then used.
     """
     measured = fit.radii.copy()
     for k, (line, radius) in enumerate(zip(fit.lines, fit.radii, strict=True)):
         top = line[:, 2] + radius - support.height_under(line, float(radius))
-        resting = float(np.percentile(top, RESTING_PERCENTILE)) / 2
-        if resting < radius * (1 + MAX_RESTING_EXCESS_SHARE):
+        lowest, resting = np.percentile(top, (LOWEST_PERCENTILE, RESTING_PERCENTILE)) / 2
+        is_level = resting - lowest < MAX_RESTING_SPREAD_SHARE * radius
+        if is_level and resting < radius * (1 + MAX_RESTING_EXCESS_SHARE):
             measured[k] = resting
     # A very small radius shows a wrong table height. The fitted radius does not depend on the table.
     return np.where(measured > MIN_RADIUS_SHARE * fit.r, measured, fit.radii)

@@ -10,6 +10,7 @@ from cell.simulation.cases.crowded_tiers import draw_crowded
 from cell.simulation.cases.end_tiers import draw_branches, draw_ends
 from cell.simulation.cases.few_tier import draw_few
 from cell.simulation.cases.first_tiers import draw_first
+from cell.simulation.cases.heap_tier import draw_heap
 from cell.simulation.cases.lifted_tier import draw_lifted
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
@@ -39,6 +40,7 @@ _DRAWS: Mapping[str, tuple[int, Draw]] = {
     "speckle": (15, draw_noisy),
     "side": (16, draw_crowded),
     "dense": (17, draw_crowded),
+    "heap": (18, draw_heap),
     "few": (19, draw_few),
     "noise": (20, draw_noisy),
     "thin": (21, draw_thin),
@@ -85,6 +87,8 @@ def make_case(tier: str, seed: int) -> Case:
       small blobs.
     - `side`: a folded string, and two strings, in turn, in contact over 30 to 80 mm, r = 3, 4.2 or 5 mm.
     - `dense`: tangles of two to four strings with 10 to 20 crossings, r = 3 mm, at 800x500.
+    - `heap`: one to five strings in turn, together 1.5 to 3 m long, r = 2.5 to 4 mm, dropped in loose coils by the
+      physics of MuJoCo, with 12 to 40 crossings, at 800x500.
     - `few`: scenes of `paper`, `long` and `many` in turn, with one to four views in turn. A single view has
       a random direction, from 45 degrees to nearly straight down.
     - `noise`: scenes of `paper` and `long` in turn, with 1 to 4 times the errors of real cameras. Recognition must
@@ -99,6 +103,7 @@ def make_case(tier: str, seed: int) -> Case:
         The case.
 
     Raises:
+        PhysicsError: The tier is `heap`, and MuJoCo is not installed.
         TierError: The tier is unknown, the seed is negative, or no scene can be laid for the seed.
     """
     if tier not in TIERS:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.simulation.cases.case import Case
-from cell.simulation.cases.knot_tightening import core_range, tighten
 from cell.simulation.pose_errors import PoseErrors
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.planar_crossings import plan_crossings
@@ -14,6 +13,7 @@ from cell.simulation.scenes.scenes import SceneError, StringScene
 from cell.simulation.scenes.shapes import STEP_M, rotated
 from cell.simulation.scenes.stacking_heights import HeightsError, lay
 from cell.simulation.scenes.strand_clearance import deepest_overlap
+from cell.simulation.string_physics.knot_tightening import core_range, tighten
 from recognition.geometry.polyline import resample
 
 KNOTS: Mapping[str, tuple[float, float]] = {

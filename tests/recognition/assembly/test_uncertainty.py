@@ -1,12 +1,18 @@
 """Sigmas and view counts of fitted strands, compared with values computed by hand."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from recognition.assembly.hidden_lengths import (
+    BEND_LENGTH_RADII,
+    STRAIGHT_DENSITY,
+    bending_density,
+    hidden_variance,
+)
 from recognition.assembly.uncertainty import (
-    MIN_HIDDEN_BEND_RADII,
     MIN_SIGMA_M,
     SYSTEMATIC_SHARE,
     SYSTEMATIC_VIEWS,
@@ -123,16 +129,40 @@ def test_bridges_are_less_certain_towards_their_middle(
     hidden = (X > 0.04) & (X < 0.06)
     sigma, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0)
     np.testing.assert_allclose(sigma[~hidden], MIN_SIGMA_M, rtol=1e-9, atol=0)
-    # The string leaves the smooth path with the smallest bend radius, from the nearest point that was seen.
-    distance = np.abs(X[hidden, None] - X[~hidden]).min(axis=1)
-    np.testing.assert_allclose(
-        sigma[hidden], np.hypot(distance**2 / (2 * MIN_HIDDEN_BEND_RADII * R), MIN_SIGMA_M), rtol=1e-9, atol=0
-    )
-    middle = len(distance) // 2
+    # Between given ends and directions, a spline of density q leaves a line by q x^3 (L - x)^3 / 3 L^3 at x, in both
+    # directions across. Directions are those of the last visible links, whose middles are half a step outside the gap.
+    x, length = X[hidden] - X[hidden][0] + 1.5 * 0.7 * R, np.ptp(X[hidden]) + 3 * 0.7 * R
+    spread = 1.5 * STRAIGHT_DENSITY / R * x**3 * (length - x) ** 3 / (3 * length**3)
+    np.testing.assert_allclose(sigma[hidden] ** 2 - MIN_SIGMA_M**2, spread, rtol=0.1, atol=0)
+    middle = hidden.sum() // 2
     assert (np.diff(sigma[hidden][: middle + 1]) > 0).all()
-    # The fit beside a bridge is the fit in it.
+    # The fit beside a bridge is uncertain in position and direction, and so is the bridge.
     noisy, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0003)
-    assert noisy[hidden].min() > noisy[~hidden].max()
+    assert (noisy[hidden] > sigma[hidden]).all()
+
+
+def test_bridges_of_strings_that_bend_more_are_less_certain() -> None:
+    hidden = (X > 0.04) & (X < 0.06)
+    turn = X / (10 * R)
+    arc = np.column_stack([10 * R * np.sin(turn), 10 * R * (1 - np.cos(turn)), np.full_like(X, R)])
+    bent = replace(strand(hidden), points=arc)
+    assert bending_density(bent, 0.7 * R) == pytest.approx(BEND_LENGTH_RADII * R / (10 * R) ** 2 / 2, rel=0.02)
+    fit_variance = np.full(len(X), 1e-12)
+    grown = hidden_variance(bent, fit_variance) / hidden_variance(strand(hidden), fit_variance)
+    np.testing.assert_allclose(grown, BEND_LENGTH_RADII / 200 / STRAIGHT_DENSITY, rtol=0.05, atol=0)
+
+
+def test_a_hidden_end_is_less_certain_than_a_bridge_and_a_ring_has_no_ends() -> None:
+    fit_variance = np.full(len(X), 1e-10)
+    first = np.arange(len(X)) < 6
+    end = hidden_variance(strand(first), fit_variance)
+    assert (np.diff(end) < 0).all()
+    assert end[0] > 20 * hidden_variance(strand(np.roll(first, 10)), fit_variance).max()
+    angle = 2 * np.pi * np.arange(len(X)) / len(X)
+    circle = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(X))]) * 0.7 * R * len(X) / (2 * np.pi)
+    rings = [replace(strand(np.roll(first, by)), points=np.roll(circle, by, axis=0), closed=True) for by in (-3, 10)]
+    across, within = (np.sort(hidden_variance(ring, fit_variance)) for ring in rings)
+    np.testing.assert_allclose(across, within, rtol=0.02, atol=0)
 
 
 def test_a_strand_that_no_view_saw_is_finite(registered: Callable) -> None:

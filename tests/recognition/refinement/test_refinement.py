@@ -104,6 +104,14 @@ def test_the_radius_is_measured(seen: Callable, straight: Callable, share: float
     assert fitted.radius_m == (R if abs(share - 1) < 0.12 else fitted.measured_radius_m)
 
 
+def test_a_string_that_hangs_between_others_keeps_its_radius(seen: Callable, straight: Callable) -> None:
+    # It rises from the table to 1.5 radii above it. Half the height of the top of its lowest fifth is up to 1.15 R.
+    axis = straight((0, 0, R), (0.15, 0, 2.5 * R))
+    fitted = only(axis[::4], seen([axis], noise=NOISE))
+    assert fitted.measured_radius_m == pytest.approx(R, rel=0.05)
+    assert fitted.radius_m == R
+
+
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.4])
 def test_the_radius_is_measured_on_a_string_that_rests_on_something_too(
     seen: Callable, straight: Callable, share: float

@@ -12,7 +12,7 @@ from cell.simulation.scenes.strand_clearance import deepest_overlap
 
 pytestmark = pytest.mark.slow
 
-SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS}
+SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS} | {"heap": (3, 2)}
 
 
 @pytest.fixture(scope="module")
@@ -145,15 +145,15 @@ def test_strings_do_not_overlap(cases: dict[str, list[Case]], tier: str) -> None
     for case in cases[tier]:
         overlap = deepest_overlap(case.scene.curves, case.scene.radii_m)
         # The clearance is enforced at points 1 mm apart. Between these points, 2 % of 2 r may be missing. Pulled knots
-        # press their strands together by up to 5 %.
-        assert overlap < pressed + (0.05 if tier == "tight" else 0.02)
+        # and heaps press their strands together by up to 5 %.
+        assert overlap < pressed + (0.05 if tier in ("tight", "heap") else 0.02)
         if pressed:
             assert overlap == pytest.approx(pressed, abs=0.02)
 
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_the_same_seed_gives_the_same_case(cases: dict[str, list[Case]], tier: str) -> None:
-    again = make_case(tier, 0)
+    again = make_case(tier, SEEDS[tier][0])
     first, other = cases[tier][:2]
     assert all(np.array_equal(a, b) for a, b in zip(first.scene.curves, again.scene.curves, strict=True))
     assert (first.scene.boxes, first.camera, first.errors) == (again.scene.boxes, again.camera, again.errors)

@@ -5,10 +5,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cell.simulation.cases import Case, make_case
-from cell.simulation.cases.knot_tightening import core_range, core_size
 from cell.simulation.cases.tight_tier import KNOTS, TAIL_M, loose_knot
 from cell.simulation.scenes.planar_crossings import at, plan_crossings
 from cell.simulation.scenes.strand_clearance import deepest_overlap
+from cell.simulation.string_physics.knot_tightening import core_range, core_size
 from recognition.geometry.polyline import arc_length
 
 pytestmark = pytest.mark.slow
