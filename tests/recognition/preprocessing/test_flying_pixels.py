@@ -60,3 +60,37 @@ def test_the_image_ends_at_its_border(table_1: ChainParameters) -> None:
     result = kept(image(np.full((6, 8), 4400)), table_1)
     # Five neighbours at the border, three in the corners; none from the other side.
     assert np.argwhere(~result).tolist() == [[0, 0], [0, 7], [5, 0], [5, 7]]
+
+
+@pytest.mark.parametrize("lost_share", [0.3, 0.6])
+def test_scattered_losses_inside_a_surface_count_as_measured(table_1: ChainParameters, lost_share: float) -> None:
+    rng = np.random.default_rng(1)
+    depth = np.full((60, 80), 4200)
+    depth[rng.random(depth.shape) < lost_share] = 0
+    result = kept(image(depth), table_1)[2:-2, 2:-2]
+    assert result[depth[2:-2, 2:-2] > 0].mean() > 0.7
+    # A flying pixel goes, although neighbours are lost.
+    depth[::7, ::7] = 4100
+    assert not kept(image(depth), table_1)[2:-2, 2:-2][depth[2:-2, 2:-2] == 4100].any()
+
+
+@pytest.mark.parametrize("shadow_px", [1, 2, 5])
+def test_the_shadow_of_an_edge_is_no_scattered_loss(table_1: ChainParameters, shadow_px: int) -> None:
+    """A spike of an edge goes, whether the pixels beside it are measured or lie in a shadow."""
+    depth = np.full((40, 80), 4400)
+    depth[:, :40] = 4200
+    depth[10::8, 40] = 4200
+    shadow = depth.copy()
+    for v in range(len(depth)):
+        edge = 41 if depth[v, 40] == 4200 else 40
+        shadow[v, edge : edge + shadow_px] = 0
+    measured, shaded = kept(image(depth), table_1), kept(image(shadow), table_1)
+    assert not measured[10::8, 40].any()
+    np.testing.assert_array_equal(shaded[:, :41] & (depth[:, :41] == 4200), measured[:, :41] & (depth[:, :41] == 4200))
+
+
+def test_a_rare_loss_is_not_counted(table_1: ChainParameters) -> None:
+    depth = np.full((60, 80), 4200)
+    depth[29:32, 39:42] = 0
+    depth[30, 40] = depth[29, 39] = depth[31, 41] = depth[29, 41] = depth[31, 39] = 4200  # four of eight neighbours
+    assert not kept(image(depth), table_1)[30, 40]
