@@ -236,7 +236,7 @@ def recognise(
     linked = LinkedSegments(())
     if method == "graph":
         occlusion_map = OcclusionMap(registration.points, registration.clouds)
-        graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters)
+        graph = trace_strands(centre_line.unaveraged, occlusion_map, parameters, support.table_z_m)
 
         timer.begin("refinement")
         refinement = refine(
@@ -246,6 +246,7 @@ def recognise(
             parameters,
             support,
             views=registration.clouds,
+            bends=graph.pairing.bends,
         )
         strings = find_thicker_strings(graph, refinement, registration, occlusion_map, support, parameters)
 

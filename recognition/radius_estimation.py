@@ -129,8 +129,9 @@ def _find_strings(views: Sequence[DepthView], scene: Scene) -> tuple[ChainParame
     registration = register(ingested.clouds, rough, ingested.correspondences, table_z_m=scene.table_z_m)
     support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
     centre_line = estimate_centre_line(registration.points, registration.normals, rough)
-    graph = trace_strands(centre_line.unaveraged, OcclusionMap(registration.points), rough)
-    refinement = refine(graph.strands, registration.points, registration.normals, rough, support)
+    graph = trace_strands(centre_line.unaveraged, OcclusionMap(registration.points), rough, support.table_z_m)
+    bends = graph.pairing.bends
+    refinement = refine(graph.strands, registration.points, registration.normals, rough, support, bends=bends)
     return rough, classify_strings(refinement, registration.points, rough, support).strings
 
 

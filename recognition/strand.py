@@ -1,6 +1,6 @@
 """Strands and their ends. Strands are joined by smooth bridges across the gaps."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,7 @@ def join_strands(
     ends: Sequence[End],
     pairs: Sequence[tuple[int, int]],
     parameters: ChainParameters,
+    bridges: Mapping[tuple[int, int], Points] | None = None,
 ) -> list[Strand]:
     """Join strands by smooth bridges at pairs of ends.
 
@@ -71,12 +72,17 @@ def join_strands(
         pairs: Pairs of indices into `ends`. Each end is in at most one pair. A pair of both ends of one strand closes
             the strand.
         parameters: Method parameters; uses the bridge spacing r_n and the end length r_f.
+        bridges: (N, 3) points between the two ends of some pairs, from the first to the second end of the pair. Other
+            pairs are joined by `bridge_gap`.
 
     Returns:
         The joined strands, in the order of their first members in `strands`.
     """
     partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
     end_index = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
+    given: dict[tuple[int, int], Points] = {}
+    for (a, b), points in (bridges or {}).items():
+        given |= {(a, b): points, (b, a): points[::-1]}
     done: set[int] = set()
     joined = []
 
@@ -98,7 +104,9 @@ def join_strands(
         start, left_at_start = backwards[-1]
         path, closed = (backwards, True) if closed else walk(start, not left_at_start)
         done |= {strand for strand, _ in path}
-        joined.append(_concatenate([(strands[i], reverse) for i, reverse in path], closed, parameters))
+        leaving = [end_index.get((i, reverse), -1) for i, reverse in path]
+        between = [given.get((end, partner.get(end, -1))) for end in leaving]
+        joined.append(_concatenate([(strands[i], reverse) for i, reverse in path], between, closed, parameters))
     return joined
 
 
@@ -124,17 +132,22 @@ def bridge_gap(a: End, b: End, spacing: float) -> Points:
     return curve(np.arange(1, inner + 1) / (inner + 1)).reshape(-1, 3)
 
 
-def _concatenate(path: list[tuple[Strand, bool]], closed: bool, parameters: ChainParameters) -> Strand:
-    """Concatenate the strands of `path`, pairs (strand, is reversed), with a bridge in every gap."""
+def _concatenate(
+    path: list[tuple[Strand, bool]], bridges: list[Points | None], closed: bool, parameters: ChainParameters
+) -> Strand:
+    """Concatenate the strands of `path`, pairs (strand, is reversed), with a bridge in every gap.
+
+    `bridges` are the given bridges after each strand, None for one that `bridge_gap` makes.
+    """
     oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
     if len(oriented) == 1 and not closed:
         return oriented[0]
     points, bridged = [oriented[0].points], [oriented[0].bridged]
     followers = oriented[1:] + oriented[:1] if closed else oriented[1:]
-    for previous, following in zip(oriented, followers, strict=False):
+    for previous, following, given in zip(oriented, followers, bridges, strict=False):
         leaving = strand_ends([previous], parameters)[1]
         arriving = strand_ends([following], parameters)[0]
-        bridge = bridge_gap(leaving, arriving, parameters.r_n)
+        bridge = bridge_gap(leaving, arriving, parameters.r_n) if given is None else given
         points.append(bridge)
         bridged.append(np.ones(len(bridge), dtype=bool))
         if following is not oriented[0]:

@@ -103,7 +103,8 @@ def find_thicker_strings(
         thicker = _scaled(parameters, radius_m)
         is_rest = _distance_radii(registration.points, known) > OWN_RADII
         surface, normals = _thinned(registration.points[is_rest], registration.normals[is_rest], thicker.r)
-        traced = trace_strands(estimate_centre_line(surface, normals, thicker).unaveraged, occlusion_map, thicker)
+        centre_points = estimate_centre_line(surface, normals, thicker).unaveraged
+        traced = trace_strands(centre_points, occlusion_map, thicker, support.table_z_m)
         fitted = refine(
             traced.strands,
             surface,
@@ -113,6 +114,7 @@ def find_thicker_strings(
             views=registration.clouds,
             radius_is_given=False,
             other_lines=[string.points for string in known],
+            bends=traced.pairing.bends,
         )
         found = _certain(classify_strings(fitted, surface, thicker, support))
         passes.append(found)

@@ -1,5 +1,8 @@
 """Maximum weight matching of ends, and the margin of each matched pair."""
 
+import heapq
+from itertools import count
+
 import numpy as np
 import rustworkx
 from numpy.typing import NDArray
@@ -11,6 +14,10 @@ GAIN_STEP = 1e-9
 MAX_COMPETING_ENDS = 300
 """Maximum number of competing ends for which margins are computed. Each matched pair takes one more matching.
 Real scenes have tens of competing ends."""
+MAX_BRANCHES = 100
+"""Maximum number of branches of the search for a matching without conflicts. Knots need a few branches."""
+NO_CONFLICTS = np.empty((0, 2), dtype=np.int64)
+"""No conflicts between candidate pairs."""
 
 
 def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -33,33 +40,80 @@ def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: ND
     return np.array(sorted(graph.get_edge_data(j, k) for j, k in matched), dtype=np.int64)
 
 
+def matching_without_conflicts(
+    a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64], conflicts: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the pairs with the largest sum of gains, of which no two are in conflict.
+
+    A matching without regard to conflicts gains at least as much. If it contains a conflict, the search branches: one
+    of the two pairs is excluded in each branch. The branch with the largest gain is always continued first, so that the
+    first matching without a conflict is the best one.
+
+    Args:
+        a: (M,) first end of each candidate pair. Each pair may occur only once.
+        b: (M,) second end of each candidate pair.
+        gain: (M,) gain of each candidate pair, finite.
+        conflicts: (L, 2) indices of pairs that cannot both be chosen.
+
+    Returns:
+        Indices (K,) of the matched pairs, ascending. After `MAX_BRANCHES` branches, the pair with the smaller gain of
+        each remaining conflict is dropped.
+    """
+    matched = maximum_weight_matching(a, b, gain)
+    if len(conflicts) == 0:
+        return matched
+    order = count()
+    branches = [(-float(gain[matched].sum()), next(order), matched, frozenset[int]())]
+    for _ in range(MAX_BRANCHES):
+        _, _, matched, excluded = heapq.heappop(branches)
+        broken = conflicts[np.isin(conflicts, matched).all(axis=1)]
+        if len(broken) == 0:
+            return matched
+        for pair in broken[0].tolist():
+            without = excluded | {pair}
+            kept = np.setdiff1d(np.arange(len(a)), sorted(without))
+            branch = kept[maximum_weight_matching(a[kept], b[kept], gain[kept])]
+            heapq.heappush(branches, (-float(gain[branch].sum()), next(order), branch, without))
+    matched = branches[0][2]
+    for pair in conflicts[np.isin(conflicts, matched).all(axis=1)]:
+        matched = np.setdiff1d(matched, pair[np.argmin(gain[pair])]) if np.isin(pair, matched).all() else matched
+    return matched
+
+
 def matching_margins(
-    matched: NDArray[np.int64], a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]
+    matched: NDArray[np.int64],
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    gain: NDArray[np.float64],
+    conflicts: NDArray[np.int64] = NO_CONFLICTS,
 ) -> NDArray[np.float64]:
     """Return the margin of each matched pair: the loss of total gain in the best matching without the pair.
 
-    Two ends compete if candidate pairs connect them, directly or through other ends. Each group of competing ends is
-    matched separately.
+    Two ends compete if candidate pairs connect them, directly or through other ends, or if such pairs are in conflict.
+    Each group of competing ends is matched separately.
 
     Args:
-        matched: (K,) result of `maximum_weight_matching` for the same `a`, `b` and `gain`.
+        matched: (K,) result of `matching_without_conflicts` for the same arguments.
         a: (M,) first end of each candidate pair.
         b: (M,) second end of each candidate pair.
         gain: (M,) gain of each candidate pair, finite.
+        conflicts: (L, 2) indices of pairs that cannot both be chosen.
 
     Returns:
         Margins (K,), not negative. The margin is 0 in a group of more than `MAX_COMPETING_ENDS` ends.
     """
     if len(matched) == 0:
         return np.empty(0)
-    count = int(max(a.max(), b.max())) + 1
-    _, group_of_end = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
+    n = int(max(a.max(), b.max())) + 1
+    row, column = np.concatenate([a, a[conflicts[:, 0]]]), np.concatenate([b, a[conflicts[:, 1]]])
+    _, group_of_end = connected_components(csr_array((np.ones(len(row)), (row, column)), shape=(n, n)), directed=False)
     group_sizes = np.bincount(group_of_end)
     margins = np.zeros(len(matched))
     for k, pair in enumerate(matched):
         group = group_of_end[a[pair]]
         if group_sizes[group] <= MAX_COMPETING_ENDS:
             others = np.flatnonzero((group_of_end[a] == group) & (np.arange(len(a)) != pair))
-            without = others[maximum_weight_matching(a[others], b[others], gain[others])]
+            inside = np.searchsorted(others, conflicts[np.isin(conflicts, others).all(axis=1)])
+            without = others[matching_without_conflicts(a[others], b[others], gain[others], inside)]
             margins[k] = gain[matched[group_of_end[a[matched]] == group]].sum() - gain[without].sum()
     return margins

@@ -108,6 +108,7 @@ def refine(
     views: Sequence[NormalCloud] = (),
     radius_is_given: bool = True,
     other_lines: Sequence[Points] = (),
+    bends: Points | None = None,
 ) -> Refinement:
     """Fit the strands to the surface: measure radii, localise ends and measure cross-sections.
 
@@ -125,6 +126,7 @@ def refine(
             surface ends.
         radius_is_given: Whether r is the given radius. If it is only a rough one, each tube has its measured radius.
         other_lines: (K, 3) centre lines of other strings near the strands, metres, base frame.
+        bends: (B, 3) points of the hidden bends of the strands, metres, base frame; None for none.
 
     Returns:
         The fitted strands, the strand index of each surface point, and the scatter of the surface about the tubes. The
@@ -139,7 +141,7 @@ def refine(
     if not strands or len(surface) == 0:
         return Refinement([], np.full(len(surface), -1), 0.0)
 
-    first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r)
+    first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r, bends)
     measured_radii = _measure_radii(first_fit, support)
     radii = _select_radii(measured_radii, scatter_m, r) if radius_is_given else measured_radii
     lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
@@ -152,21 +154,23 @@ def refine(
             changed = split_at_visible_gaps(located, radii, surface, views)
     if changed is not None:
         return refine(
-            changed, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines
+            changed, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines, bends
         )
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
-    last_fit = TubeFit(lines, r, surface, normals, radii)
+    last_fit = TubeFit(lines, r, surface, normals, radii, bends)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
     cross_sections = measure_cross_sections(last_fit, assigned)
     fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
     return Refinement(fitted, last_fit.lines_of_points(assigned), assigned.sigma)
 
 
-def _fit_to_sample(strands: Sequence[Strand], surface: Points, normals: Points, r: float) -> tuple[TubeFit, float]:
+def _fit_to_sample(
+    strands: Sequence[Strand], surface: Points, normals: Points, r: float, bends: Points | None
+) -> tuple[TubeFit, float]:
     """Fit lines and radii to every second surface point. Return the fit and the sigma of its residuals, metres."""
     lines = [_resample_evenly(strand, r) for strand in strands]
-    fit = TubeFit(lines, r, surface[::SAMPLE_STRIDE], normals[::SAMPLE_STRIDE])
+    fit = TubeFit(lines, r, surface[::SAMPLE_STRIDE], normals[::SAMPLE_STRIDE], bends=bends)
     assigned = _iterate(fit, FIRST_FIT_STEPS, RADIUS_SIGMA_SHARE * r)
     return fit, assigned.sigma
 

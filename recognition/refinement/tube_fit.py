@@ -26,6 +26,13 @@ END_BEND_FACTOR = 2.0
 An end has surface on one side only. The full penalty turns the last part of a bent line straight, and displaces the end
 across by up to 4 mm where the surface is noisy. A larger factor makes the ends of repeated scans differ more.
 """
+TIGHT_BEND_SIGMA_RADII = 0.2
+"""The same standard deviation near hidden bends, in radii r: in a tight knot, strands have bend radii of about 2.5 r.
+
+The usual penalty makes a tight bend wider by more than r.
+"""
+TIGHT_RADII = 3.0
+"""Maximum distance of a point from a hidden bend to which this standard deviation applies, in radii r."""
 MAX_RESIDUAL_RADII = 0.6
 """Maximum distance between a tube and a surface point that belongs to the tube, in radii r."""
 MIN_NORMAL_COSINE = 0.5
@@ -75,6 +82,8 @@ class TubeFit:
         surface: (M, 3) surface points, metres, base frame.
         normals: (M, 3) outward unit normals.
         radii: (K,) radius of each line, metres; None for r.
+        bends: (B, 3) points of the hidden bends of strands, metres, base frame; None for none. Strands near them may
+            bend tightly.
 
     Source:
         The fit is not in the paper. It replaces the means of eqs. (2) and (3).
@@ -87,6 +96,7 @@ class TubeFit:
         surface: Points,
         normals: Points,
         radii: NDArray[np.float64] | None = None,
+        bends: Points | None = None,
     ) -> None:
         self.r, self.surface, self.normals = r, surface, normals
         self.points = np.vstack(lines)
@@ -98,6 +108,9 @@ class TubeFit:
         self._is_link[self.starts[1:] - 1] = False
         self._inner = np.setdiff1d(np.arange(len(self.points)), np.concatenate([self.starts[:-1], self.starts[1:] - 1]))
         self._bending_weights = _bending_weights(self._inner, self.starts, r)
+        if bends is not None and len(bends):
+            distance, _ = KDTree(bends).query(self.points[self._inner], distance_upper_bound=TIGHT_RADII * r)
+            self._bending_weights[np.isfinite(distance)] = (TIGHT_BEND_SIGMA_RADII * r) ** -2.0
         self._bending_bands = _bending_bands(self._inner, self._bending_weights, len(self.points))
 
     @property

@@ -1,15 +1,16 @@
 """Pairing of fragment ends: one optimisation for the whole scene selects the pairs of ends to join."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
+from recognition.geometry.graph_matching import matching_margins, matching_without_conflicts
 from recognition.geometry.polyline import arc_length, fit_end_parabola
 from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
+from recognition.tracing.hidden_bends import HiddenBends, find_hidden_bends
 from recognition.tracing.occlusion_map import OcclusionMap
 
 END_FIT_RADII = 5.0
@@ -95,9 +96,18 @@ class Pairing:
     """Indices into `ends` of the two ends of each pair."""
     ambiguous: list[AmbiguousPair]
     """Pairs that may be wrong (see `MIN_CERTAIN_MARGIN`)."""
+    bridges: Mapping[tuple[int, int], NDArray[np.float64]] = field(default_factory=dict)
+    """(N, 3) points between the two ends of each pair that bends under another strand, metres, base frame."""
+
+    @property
+    def bends(self) -> NDArray[np.float64]:
+        """(B, 3) points of all strands where they bend under another strand, metres, base frame."""
+        return np.vstack([np.empty((0, 3)), *self.bridges.values()])
 
 
-def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parameters: ChainParameters) -> Pairing:
+def pair_ends(
+    fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parameters: ChainParameters, table_z_m: float = 0.0
+) -> Pairing:
     """Pair the fragment ends of the whole scene at the minimum total cost.
 
     The cost of a pair is its misfit plus the cost of its gap. The two ends are extrapolated to the middle of the gap.
@@ -110,6 +120,7 @@ def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parame
         fragments: Fragments of the scene.
         occlusion_map: Occlusion map of the registered surface.
         parameters: Method parameters; uses the radius r.
+        table_z_m: Height of the table, metres, base frame.
 
     Returns:
         The ends, the pairs, and the ambiguous pairs.
@@ -121,20 +132,30 @@ def pair_ends(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parame
     ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * _occluded_share_ahead(ends, occlusion_map, parameters.r)
+    occluded_share = _occluded_share_ahead(ends, occlusion_map, parameters.r)
     a, b = _candidate_pairs(ends, fragments, parameters.r)
     cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, parameters.r)
+    bends = find_hidden_bends(ends.fragment, fragments, occlusion_map, parameters.r, table_z_m)
+    a, b, cost, bend_of_pair, conflicts = _with_bends(a, b, cost, bends)
+    single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * np.maximum(occluded_share, bends.is_hidden_ahead)
     gain = single_cost[a] + single_cost[b] - cost
     has_gain = gain > 0
-    a, b, gain = a[has_gain], b[has_gain], gain[has_gain]
-    matched = maximum_weight_matching(a, b, gain)
-    margins = matching_margins(matched, a, b, gain)
+    conflicts = (np.cumsum(has_gain) - 1)[conflicts[has_gain[conflicts].all(axis=1)]]
+    a, b, gain, bend_of_pair = a[has_gain], b[has_gain], gain[has_gain], bend_of_pair[has_gain]
+    matched = matching_without_conflicts(a, b, gain, conflicts)
+    margins = matching_margins(matched, a, b, gain, conflicts)
     ambiguous = [
         AmbiguousPair(ends.points[[a[k], b[k]]], float(margin))
         for k, margin in zip(matched, margins, strict=True)
         if margin < MIN_CERTAIN_MARGIN
     ]
-    return Pairing(ends, list(zip(a[matched].tolist(), b[matched].tolist(), strict=True)), ambiguous)
+    pairs = list(zip(a[matched].tolist(), b[matched].tolist(), strict=True))
+    bridges = {
+        pair: bends.curves[bend, 1:-1]
+        for pair, bend in zip(pairs, bend_of_pair[matched].tolist(), strict=True)
+        if bend >= 0
+    }
+    return Pairing(ends, pairs, ambiguous, bridges)
 
 
 def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
@@ -186,6 +207,29 @@ def _candidate_pairs(
     turn = np.maximum(_angle(offset, ends.directions[a]), _angle(-offset, ends.directions[b]))
     is_candidate = is_near & ((turn < MAX_TURN_RAD) | (gap < 1e-9))
     return a[is_candidate], b[is_candidate]
+
+
+def _with_bends(
+    a: NDArray[np.int64], b: NDArray[np.int64], cost: NDArray[np.float64], bends: HiddenBends
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Add hidden bends to the candidate pairs.
+
+    A pair that is already a candidate gets the lower one of both costs.
+
+    Returns:
+        The end indices (M,) and (M,) and the costs (M,) of all candidate pairs, the index (M,) of the hidden bend that
+        explains each pair, -1 for none, and the pairs of them (L, 2) that are in conflict.
+    """
+    ends = np.concatenate([np.column_stack([a, b]), np.column_stack([bends.a, bends.b])])
+    pairs, inverse = np.unique(ends, axis=0, return_inverse=True)
+    lowest = np.full(len(pairs), np.inf)
+    lowest[inverse[: len(a)]] = cost
+    of_bend = inverse[len(a) :]
+    is_cheaper = bends.cost < lowest[of_bend]
+    bend_of_pair = np.full(len(pairs), -1)
+    bend_of_pair[of_bend[is_cheaper]] = np.flatnonzero(is_cheaper)
+    lowest[of_bend[is_cheaper]] = bends.cost[is_cheaper]
+    return pairs[:, 0], pairs[:, 1], lowest, bend_of_pair, of_bend[bends.conflicts]
 
 
 def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: float) -> NDArray[np.float64]:

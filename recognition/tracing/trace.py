@@ -33,7 +33,10 @@ class TracedStrands:
 
 
 def trace_strands(
-    centre_points: NDArray[np.float64], occlusion_map: OcclusionMap, parameters: ChainParameters
+    centre_points: NDArray[np.float64],
+    occlusion_map: OcclusionMap,
+    parameters: ChainParameters,
+    table_z_m: float = 0.0,
 ) -> TracedStrands:
     """Trace the strands along the centre points.
 
@@ -44,6 +47,7 @@ def trace_strands(
         centre_points: (N, 3) centre points c_i of eq. (1), metres, base frame.
         occlusion_map: Occlusion map of the registered surface.
         parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
+        table_z_m: Height of the table, metres, base frame.
 
     Returns:
         The strands, with their nodes, fragments and pairs of ends.
@@ -64,10 +68,12 @@ def trace_strands(
             f"the points above the table form {len(fragments)} fragments, too many for strings: check the string's "
             "radius and the workspace"
         )
-    pairing = pair_ends(fragments, occlusion_map, parameters)
+    pairing = pair_ends(fragments, occlusion_map, parameters, table_z_m)
     pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
     ends = [
         End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])
         for number, fragment in enumerate(pairing.ends.fragment)
     ]
-    return TracedStrands(nodes, fragments, pairing, join_strands(pieces, ends, pairing.pairs, parameters))
+    return TracedStrands(
+        nodes, fragments, pairing, join_strands(pieces, ends, pairing.pairs, parameters, pairing.bridges)
+    )

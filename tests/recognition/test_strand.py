@@ -51,6 +51,15 @@ def test_ends_closer_than_the_spacing_need_no_points_between() -> None:
     assert bridge_gap(end((0, 0, 0), (1, 0, 0)), end((0.008, 0, 0), (-1, 0, 0)), 0.01).shape == (0, 3)
 
 
+@pytest.mark.parametrize("pair", [(1, 3), (3, 1)])
+def test_a_given_bridge_is_used_in_the_direction_of_the_string(pair: tuple[int, int]) -> None:
+    strands = [piece(0, 4), piece(10, 6)]
+    bridge = np.array([(0.045, 0.01, 0.0), (0.055, 0.02, 0.0)])[:: 1 if pair[0] == 1 else -1]
+    (joined,) = join_strands(strands, strand_ends(strands, PARAMETERS), [pair], PARAMETERS, {pair: bridge})
+    assert joined.points[joined.bridged, 1].tolist() == [0.01, 0.02]
+    assert (np.diff(joined.points[:, 0]) > 0).all()
+
+
 def test_joining_turns_reversed_segments_and_keeps_the_order() -> None:
     # The middle one runs against the others.
     strands = [piece(0, 4), piece(10, 6), piece(12, 16)]

@@ -9,7 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import recognition.geometry.graph_matching
-from recognition.geometry.graph_matching import matching_margins, maximum_weight_matching
+from recognition.geometry.graph_matching import (
+    matching_margins,
+    matching_without_conflicts,
+    maximum_weight_matching,
+)
 
 Ends = NDArray[np.int64]
 ENDS = 6
@@ -39,6 +43,39 @@ def test_no_other_pairs_gain_more(pairs: list[tuple[tuple[int, int], int]]) -> N
     assert gain[matched].sum() == max_gain(pairs)
     for pair, margin in zip(matched, matching_margins(matched, a, b, gain), strict=True):
         assert margin == max_gain(pairs) - max_gain([*pairs[:pair], *pairs[pair + 1 :]])
+
+
+@given(graphs, st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8)), max_size=6))
+def test_no_other_pairs_without_conflicts_gain_more(
+    pairs: list[tuple[tuple[int, int], int]], opposed: list[tuple[int, int]]
+) -> None:
+    a, b, gain = arrays(pairs)
+    opposed = [(j, k) for j, k in opposed if j < k < len(pairs)]
+    conflicts = np.array(opposed, dtype=np.int64).reshape(-1, 2)
+
+    def best(left_out: int = -1) -> float:
+        """Return the largest gain of any set of pairs that share no end and have no conflict, without one pair."""
+        gains = [0.0]
+        for size in range(1, len(pairs) + 1):
+            for chosen in combinations(set(range(len(pairs))) - {left_out}, size):
+                ends = [end for pair in chosen for end in pairs[pair][0]]
+                if len(ends) == len(set(ends)) and not any({j, k} <= set(chosen) for j, k in opposed):
+                    gains.append(float(gain[list(chosen)].sum()))
+        return max(gains)
+
+    matched = matching_without_conflicts(a, b, gain, conflicts)
+    assert not any({j, k} <= set(matched.tolist()) for j, k in opposed)
+    assert gain[matched].sum() == best()
+    for pair, margin in zip(matched, matching_margins(matched, a, b, gain, conflicts), strict=True):
+        assert margin == best() - best(pair)
+
+
+def test_conflicts_are_broken_if_there_are_too_many_branches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recognition.geometry.graph_matching, "MAX_BRANCHES", 1)
+    a, b, gain = arrays([((0, 1), 2), ((2, 3), 5), ((4, 5), 3)])
+    conflicts = np.array([(0, 1), (1, 2)])
+    matched = set(matching_without_conflicts(a, b, gain, conflicts).tolist())
+    assert not any({j, k} <= matched for j, k in conflicts.tolist())
 
 
 def test_equally_good_matchings_are_decided_the_same_each_time() -> None:

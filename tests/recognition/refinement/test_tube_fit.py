@@ -151,3 +151,18 @@ def test_lines_of_two_points_and_surfaces_of_one_are_accepted() -> None:
     assert np.isfinite(fit.radii).all()
     # One point above the line: it lies on the tube afterwards.
     assert fit.assign().residual == pytest.approx([0.0], abs=0.02 * R)
+
+
+def test_a_tight_bend_is_kept_near_a_hidden_bend(tube: Callable, arc: Callable) -> None:
+    # Half a circle with a radius of 2.5 r, of which the middle is hidden. The usual penalty makes the bend wider.
+    axis = arc(2.5 * R, 0, 180)
+    middle = len(axis) // 2
+    seen = [tube(axis[part], R, 0.2, np.pi - 0.2) for part in (slice(0, middle - 8), slice(middle + 8, None))]
+    surface, normals = (np.vstack(parts) for parts in zip(*seen, strict=True))
+    step = max(round(STEP / np.linalg.norm(axis[1] - axis[0])), 1)
+    errors = []
+    for bends in (None, axis[middle - 8 : middle + 8]):
+        fit = settled(TubeFit([axis[::step]], R, surface, normals, bends=bends))
+        errors.append(float(np.abs(np.linalg.norm(fit.points[:, :2], axis=1) - 2.5 * R).max()))
+    assert errors[1] < errors[0] / 3
+    assert errors[1] < 0.1 * R

@@ -1,0 +1,106 @@
+"""Bends of strings under other strings, on hand-made fragments over surfaces seen from above."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from recognition.geometry.polyline import arc_length
+from recognition.parameters import ChainParameters
+from recognition.tracing.end_pairing import Pairing, pair_ends
+from recognition.tracing.fragments import Fragment
+from recognition.tracing.hidden_bends import first_crossings, joining_curves
+from recognition.tracing.occlusion_map import OcclusionMap
+
+R = 0.0042
+PARAMETERS = ChainParameters.for_radius(R)
+
+
+def fragment(points: np.ndarray) -> Fragment:
+    """Return the line as nodes r apart."""
+    s = arc_length(points)
+    even = np.linspace(0.0, s[-1], round(s[-1] / R) + 1)
+    nodes = np.column_stack([np.interp(even, s, points[:, k]) for k in range(3)])
+    return Fragment(nodes, np.ones(len(nodes)))
+
+
+def paired_fragments(pairing: Pairing) -> set[frozenset[int]]:
+    """Return the fragments that each pair joins."""
+    return {frozenset(int(pairing.ends.fragment[end]) for end in pair) for pair in pairing.pairs}
+
+
+def turned(straight: Callable, degrees: float) -> list[np.ndarray]:
+    """Return the visible parts of a strand that turns while it passes under a strand along x."""
+    turn = np.radians(degrees)
+    before = straight((0, -0.05, R), (0, -1.7 * R, R))
+    start = np.array([4 * R * np.sin(turn / 2), -1.7 * R + 4 * R * np.cos(turn / 2), R])
+    return [before, straight(start, start + 0.05 * np.array([np.sin(turn), np.cos(turn), 0]))]
+
+
+@pytest.mark.parametrize("turn", [0.3, 1.0, 2.0])
+def test_an_arc_is_joined_with_its_length_and_energy(turn: float) -> None:
+    radius = 0.02
+    end = radius * np.array([[np.sin(turn), 1 - np.cos(turn), 0.0]])
+    arriving = np.array([[np.cos(turn), np.sin(turn), 0.0]])
+    curves = joining_curves(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]), end, arriving)
+    assert curves.length[0] == pytest.approx(radius * turn, rel=0.01)
+    assert curves.energy[0] == pytest.approx(turn / radius, rel=0.02)
+    np.testing.assert_allclose(np.linalg.norm(curves.points[0] - (0, radius, 0), axis=1), radius, rtol=0.01)
+
+
+def test_the_crossings_of_curves_are_found() -> None:
+    x = np.linspace(0, 1, 6)
+    rising, falling = np.column_stack([x, x, x]), np.column_stack([x, 0.5 - x, 0 * x])
+    crosses, on_one, on_other = first_crossings(np.array([rising, rising]), np.array([falling, rising + (0, 0.1, 0)]))
+    assert crosses.tolist() == [True, False]
+    np.testing.assert_allclose((on_one[0], on_other[0]), [(0.25, 0.25, 0.25), (0.25, 0.25, 0)], rtol=0, atol=1e-9)
+    assert len(first_crossings(np.empty((0, 6, 3)), np.empty((0, 6, 3)))[0]) == 0
+
+
+@pytest.mark.parametrize("degrees", [60, 80, 100])
+def test_a_strand_turns_under_the_strand_that_hides_it(straight: Callable, seen: Callable, degrees: float) -> None:
+    # As in a tight knot: the direction changes where the strand is hidden, and the ends before and after are straight.
+    over, parts = straight((-0.05, 0, 3 * R), (0.05, 0, 3 * R)), turned(straight, degrees)
+    surface, _ = seen([over, *parts])
+    found = pair_ends([*map(fragment, parts), fragment(over)], OcclusionMap(surface), PARAMETERS)
+    assert paired_fragments(found) == {frozenset({0, 1})}
+    assert found.ambiguous == []
+    assert len(found.bridges) == 1
+    assert len(found.bends) > 0
+    lifted = [part + (0, 0, 0.1) for part in (*parts, over)]
+    above = pair_ends([*map(fragment, lifted)], OcclusionMap(surface + (0, 0, 0.1)), PARAMETERS, table_z_m=0.1)
+    assert above.pairs == found.pairs
+
+
+def test_a_strand_does_not_turn_under_the_edge_of_an_object(straight: Callable, seen: Callable) -> None:
+    # The edge continues as a flat surface on one side, so that it is no string.
+    over, parts = straight((-0.05, 0, 3 * R), (0.05, 0, 3 * R)), turned(straight, 100)
+    surface, _ = seen([over, *parts])
+    x, y = np.meshgrid(np.arange(-0.05, 0.05, 0.001), np.arange(0, 0.03, 0.001))
+    top = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 4 * R)])
+    found = pair_ends([*map(fragment, (*parts, over))], OcclusionMap(np.vstack([surface, top])), PARAMETERS)
+    assert found.bridges == {}
+
+
+def test_a_strand_does_not_turn_in_plain_sight(straight: Callable, seen: Callable) -> None:
+    parts = turned(straight, 100)
+    surface, _ = seen(parts)
+    assert pair_ends([*map(fragment, parts)], OcclusionMap(surface), PARAMETERS).pairs == []
+
+
+@pytest.mark.parametrize(("height", "crossed"), [(3, False), (5, True)])
+def test_two_strands_cross_under_a_strand_only_if_there_is_room(
+    straight: Callable, seen: Callable, height: float, crossed: bool
+) -> None:
+    # Two strands pass under a third one. Straight on, they would cross each other there; bent, they do not.
+    over = straight((-0.06, 0, height * R), (0.06, 0, height * R))
+    slope = np.array([0.5, 1, 0]) / np.linalg.norm([0.5, 1, 0])
+    parts = []
+    for x in (-1, 1):
+        for y in (-1, 1):
+            corner = np.array([x * 1.1 * R, y * 2.2 * R, R])
+            parts.append(straight(corner + (x * slope[0] * 0.05, y * slope[1] * 0.05, 0), corner))
+    surface, _ = seen([over, *parts])
+    found = pair_ends([*map(fragment, (*parts, over))], OcclusionMap(surface), PARAMETERS)
+    straight_on, bent = {frozenset({0, 3}), frozenset({1, 2})}, {frozenset({0, 1}), frozenset({2, 3})}
+    assert paired_fragments(found) == (straight_on if crossed else bent)
