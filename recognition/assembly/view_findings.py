@@ -34,8 +34,9 @@ def view_findings(views: Sequence[ViewQuality], captured: Sequence[int], chains:
         chains: Chains of the model. Without chains, a view that shows only the table gives no note.
     """
     findings = []
-    for code in dict.fromkeys(view.code for view in views):
-        if code is not None and (code != "view-without-string" or chains):
+    codes: dict[FindingCode, None] = dict.fromkeys(view.code for view in views if view.code is not None)
+    for code in codes:
+        if code != "view-without-string" or chains:
             findings += _exclusion_findings(code, [view for view in views if view.code == code])
     contradicting = [captured.index(view.index) for view in views if view.code == "view-contradicting"]
     used = [captured.index(view.index) for view in views if view.used]
