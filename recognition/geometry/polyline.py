@@ -59,6 +59,11 @@ def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
+def angles_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles (N,) between vectors (N, 3), radians."""
+    return np.arccos(np.clip((unit_vectors(a) * unit_vectors(b)).sum(axis=1), -1, 1))
+
+
 def end_direction(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     """Return the outward direction of a polyline at its first point.
 

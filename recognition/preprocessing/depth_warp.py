@@ -29,7 +29,8 @@ MIN_PIXELS = 300
 MIN_VIEWS = 4
 """Minimum number of views. Fewer views hardly show whether the deviation is one of the camera."""
 PRIOR_PER_M = 0.02
-"""Prior standard deviation of a coefficient of the warp, 1/m: about half a pixel of disparity of a short baseline."""
+"""Prior standard deviation of a coefficient of the warp, 1/m: 0.3 pixels of disparity for a baseline of 20 mm and a
+focal length of 800 pixels, and more for a longer baseline."""
 MAX_CHANCE_SIGMAS = 4.0
 """Maximum number of standard deviations by which the significance of a warp exceeds its expectation by chance."""
 MIN_WARP_M = 0.0002
