@@ -13,11 +13,11 @@ from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.depth_warp import (
     DepthWarp,
-    WarpEquations,
+    TableSample,
     correct,
     is_similar,
     measure_warp,
-    warp_equations,
+    sample_table,
 )
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
@@ -71,8 +71,8 @@ class IngestedViews:
     """Where all views show the table, if it is not where it is given, else None."""
     warp: DepthWarp | None = None
     """Slow depth error of the camera that was corrected, or None."""
-    warp_equations: Sequence[WarpEquations | None] = ()
-    """What each view shows of the warp; None for a view that shows too little of the table."""
+    samples: Sequence[TableSample | None] = ()
+    """Pixels on the table in each view as captured; None for a view that shows too little of it."""
 
 
 @dataclass(eq=False)
@@ -83,7 +83,7 @@ class _Ingestion:
     scene: Scene
     T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     warp: DepthWarp | None = None
-    warp_equations: list[WarpEquations | None] = field(default_factory=list)
+    samples: list[TableSample | None] = field(default_factory=list)
     views: list[DepthView] = field(default_factory=list)
     planes: list[ViewPlane | None] = field(default_factory=list)
     targets: list[TargetCloud] = field(default_factory=list)
@@ -100,7 +100,7 @@ class _Ingestion:
             scene=earlier.scene,
             T_base_table=earlier.T_base_table,
             warp=earlier.warp,
-            warp_equations=[*earlier.warp_equations],
+            samples=[*earlier.samples],
             views=[*earlier.views],
             planes=[*earlier.planes],
             targets=[*earlier.targets],
@@ -113,13 +113,13 @@ class _Ingestion:
     def arrive(self, view: DepthView) -> "_Ingestion":
         """Return the ingestion with a further view; all views are preprocessed again if it changes warp or table."""
         plane = measure_table(view, self.scene)
-        self.warp_equations.append(None if plane is None else warp_equations(view, plane, self.scene))
-        equations = [shown for shown in self.warp_equations if shown is not None]
-        warp = measure_warp(equations)
-        if is_similar(warp, self.warp, equations):
+        self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
+        samples = [sample for sample in self.samples if sample is not None]
+        warp = measure_warp(samples)
+        if is_similar(warp, self.warp, samples):
             self.add(view, plane if self.warp is None else None)
             return self.at_measured_table()
-        again = _Ingestion(self.parameters, self.scene, self.T_base_table, warp, self.warp_equations)
+        again = _Ingestion(self.parameters, self.scene, self.T_base_table, warp, self.samples)
         for earlier in (*self.views, view):
             again.add(earlier)
         return again.at_measured_table()
@@ -156,7 +156,7 @@ class _Ingestion:
         T = np.eye(4) if table is None else table.T_base_table
         if is_near(T, self.T_base_table, self.planes):
             return self
-        moved = _Ingestion(self.parameters, self.scene, T, self.warp, self.warp_equations)
+        moved = _Ingestion(self.parameters, self.scene, T, self.warp, self.samples)
         for view, plane in zip(self.views, self.planes, strict=True):
             moved.add(view, plane)
         return moved
@@ -230,7 +230,7 @@ def ingest_views(
         T_base_table=ingestion.T_base_table,
         moved_table=table,
         warp=ingestion.warp,
-        warp_equations=ingestion.warp_equations,
+        samples=ingestion.samples,
     )
 
 
@@ -240,7 +240,7 @@ def correct_views(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthVie
     The views are returned as they are if the camera has no warp and the table is where it is given.
     """
     planes = [measure_table(view, scene) for view in views]
-    shown = [warp_equations(view, plane, scene) for view, plane in zip(views, planes, strict=True) if plane is not None]
+    shown = [sample_table(view, plane, scene) for view, plane in zip(views, planes, strict=True) if plane is not None]
     warp = measure_warp([equations for equations in shown if equations is not None])
     if warp is not None:
         views = [correct(view, warp) for view in views]

@@ -1,9 +1,10 @@
 """Warp of a depth camera: measure its slow depth error over the image on the table, and correct depth images.
 
-The inverse depth of a plane is a linear function of the image coordinates. If the table is flat, what deviates from
-such a function in the same way in all views is an error of the camera. The constant and the linear part of the warp
-look like an error of the pose and are not measured here; the alignment to the table and the registration remove most of
-their effect. A table that is not flat looks like a warp only if it looks alike in all images.
+The inverse depth of a plane is a linear function of the image coordinates. What deviates from such a function in the
+same way in all images is an error of the camera. What deviates in the same way at a place of the table is its relief,
+for example a mat: each cell of the table has a free height, so that no relief is taken for a warp. The constant and the
+linear part of the warp look like an error of the pose and are not measured here; the alignment to the table and the
+registration remove most of their effect.
 """
 
 from collections.abc import Sequence
@@ -22,8 +23,18 @@ TERMS = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) i
 """Degrees of the polynomials along the rows and along the columns of the image."""
 SAMPLE_SIZE = 1500
 """Approximate number of pixels per view after even subsampling. Their errors are nearly independent."""
-INLIERS_M = (0.006, 0.004, 0.002, 0.002)
-"""Maximum deviation of the depth of the table from the model in each pass of the fit, metres."""
+NEAR_M = 0.006
+"""Maximum distance of points from the plane of the table, metres. They may lie on flat objects."""
+CELL_M = 0.015
+"""Edge length of the cells of the table, metres. Each has a free height."""
+CELL_ROW = 1_000_003
+"""Factor of x in the number of a cell, more than the number of cells along y."""
+INLIER_SIGMAS = 3.0
+"""Maximum deviation of the inverse depth from the model, in sigmas. Pixels at edges of flat objects deviate more."""
+N_PASSES = 4
+"""Number of passes of the fit, each with the inliers of the one before."""
+MIN_ABOVE_M = 0.05
+"""Minimum height of the camera above the table in the derivatives, metres."""
 MIN_PIXELS = 300
 """Minimum number of pixels on the table in a view that contributes."""
 MIN_VIEWS = 4
@@ -43,15 +54,21 @@ MAX_CHANGE_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class WarpEquations:
-    """Normal equations of the warp from one view, after elimination of its plane of the table."""
+class TableSample:
+    """Pixels of one view near its plane of the table, and how their inverse depths depend on the unknowns."""
 
-    H: NDArray[np.float64]
-    """(J, J) information matrix of the coefficients, for the noise of this view."""
-    g: NDArray[np.float64]
-    """(J,) right-hand side."""
+    inverse_depth: NDArray[np.float64]
+    """(N,) inverse depths, 1/m."""
+    linear: NDArray[np.float64]
+    """(N, 3) derivatives with respect to the plane of the view: a linear function of the image coordinates."""
+    terms: NDArray[np.float64]
+    """(N, J) derivatives with respect to the coefficients of the warp: the polynomials `TERMS`."""
+    by_height: NDArray[np.float64]
+    """(N,) derivatives with respect to the height of the table at the pixel, 1/m^2."""
+    cell: NDArray[np.int64]
+    """(N,) number of the cell of the table."""
     depth_moments: NDArray[np.float64]
-    """(J, J) second moments of the depth errors on the table that coefficients of one cause, m^4."""
+    """(J, J) second moments of the depth errors that coefficients of one cause, m^4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,58 +104,75 @@ class CorrectedView:
     """(4, 4) camera pose, metres."""
 
 
-def warp_equations(view: DepthView, plane: ViewPlane, scene: Scene) -> WarpEquations | None:
-    """Return the normal equations of the warp from one view, or None if it shows too little of the table.
+def sample_table(view: DepthView, plane: ViewPlane, scene: Scene) -> TableSample | None:
+    """Return pixels of a view near the table, or None if it shows too little of it.
 
     Args:
         view: Depth image with its camera pose.
         plane: Plane of the table in the view.
         scene: Sides of the workspace.
     """
-    rows, columns = _pixels_near(view, plane, scene)
+    step = int(np.ceil(np.sqrt(max(view.depth.size / SAMPLE_SIZE, 1.0))))
+    rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
+    points = deproject(view, rows, columns)
+    sides = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 2 if scene.workspace_m is None else scene.workspace_m[:2])
+    height_m = points[:, 2] - plane.centre[2] - (points[:, :2] - plane.centre[:2]) @ plane.slope
+    is_inside = np.all((points[:, :2] >= sides[:, 0]) & (points[:, :2] <= sides[:, 1]), axis=1)
+    near = is_inside & (np.abs(height_m) < NEAR_M)
+    if near.sum() < MIN_PIXELS:
+        return None
+    rows, columns, points = rows[near], columns[near], points[near]
     depth_m = view.depth[rows, columns] * view.depth_unit_m
     by_row, by_column = (
         legvander(_across(x, n), DEGREE) for x, n in zip((rows, columns), view.depth.shape, strict=True)
     )
-    linear = np.column_stack([np.ones(len(rows)), by_row[:, 1], by_column[:, 1]])
-    A = np.column_stack([linear, *(by_row[:, i] * by_column[:, j] for i, j in TERMS)])
-    prior = np.diag([0.0] * 3 + [1 / PRIOR_PER_M**2] * len(TERMS))
-    solution, sigma, used = np.zeros(A.shape[1]), 0.0, np.ones(len(rows), dtype=bool)
-    for distance_m in INLIERS_M:
-        if used.sum() < MIN_PIXELS:
-            return None
-        H, g = A[used].T @ A[used], A[used].T @ (1 / depth_m[used])
-        solution = np.linalg.solve(H + sigma**2 * prior + 1e-12 * np.eye(len(H)), g)
-        residual = 1 / depth_m - A @ solution
-        used = np.abs(residual) * depth_m**2 < distance_m
-        sigma = 1.4826 * float(np.median(np.abs(residual[used]))) if used.any() else 0.0
-    if used.sum() < MIN_PIXELS:
-        return None
-    A, q = A[used], 1 / depth_m[used]
-    H, g = A.T @ A, A.T @ q
-    eliminated = np.linalg.solve(H[:3, :3], np.column_stack([H[:3, 3:], g[:3]]))
-    by_depth = depth_m[used, None] ** 2 * A[:, 3:]
-    variance = max(sigma, 1e-6) ** 2
-    return WarpEquations(
-        H=(H[3:, 3:] - H[3:, :3] @ eliminated[:, :-1]) / variance,
-        g=(g[3:] - H[3:, :3] @ eliminated[:, -1]) / variance,
+    terms = np.column_stack([by_row[:, i] * by_column[:, j] for i, j in TERMS])
+    by_depth = depth_m[:, None] ** 2 * terms
+    # Of the plane, because derivatives with the noise of the depths would explain this noise.
+    above_m = view.T_base_camera[2, 3] - (points[:, 2] - height_m[near])
+    slant = (view.T_base_camera[2, 3] - points[:, 2]) / depth_m
+    x, y = np.floor(points[:, :2] / CELL_M).astype(np.int64).T
+    return TableSample(
+        inverse_depth=1 / depth_m,
+        linear=np.column_stack([np.ones(len(rows)), by_row[:, 1], by_column[:, 1]]),
+        terms=terms,
+        by_height=slant / np.maximum(above_m, MIN_ABOVE_M) ** 2,
+        cell=x * CELL_ROW + y,
         depth_moments=by_depth.T @ by_depth / len(by_depth),
     )
 
 
-def measure_warp(views: Sequence[WarpEquations]) -> DepthWarp | None:
+def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     """Return the warp that all views show, or None if it is small or may be due to chance.
 
-    If the views contradict each other more than the noise explains, the covariance of the warp grows in proportion.
+    The planes of the views, the heights of the cells and the coefficients of the warp are fitted together. If the views
+    contradict each other more than the noise explains, the covariance of the warp grows in proportion.
 
     Args:
-        views: Normal equations of the views that show the table.
+        views: Samples of the views that show the table.
     """
     if len(views) < MIN_VIEWS:
         return None
-    count = len(TERMS)
-    prior = np.eye(count) / PRIOR_PER_M**2
-    H, g = np.array([view.H for view in views]), np.array([view.g for view in views])
+    count, n_planes = len(TERMS), 3 * len(views)
+    y = np.concatenate([view.inverse_depth for view in views])
+    view_of_pixel = np.repeat(np.arange(len(views)), [len(view.inverse_depth) for view in views])
+    A = np.zeros((len(y), n_planes + count))
+    for k, view in enumerate(views):
+        A[view_of_pixel == k, 3 * k : 3 * k + 3] = view.linear
+    A[:, n_planes:] = np.vstack([view.terms for view in views])
+    by_height = np.concatenate([view.by_height for view in views])
+    _, cell = np.unique(np.concatenate([view.cell for view in views]), return_inverse=True)
+    prior, used, sigma = np.eye(count) / PRIOR_PER_M**2, np.ones(len(y), dtype=bool), 1e-3
+    columns = np.column_stack([A, y])
+    terms, deviation = _without_table(columns, by_height, cell, n_planes)
+    for _ in range(N_PASSES):
+        residual = deviation - terms @ np.linalg.solve(terms.T @ terms + sigma**2 * prior, terms.T @ deviation)
+        sigma = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+        used[used] = np.abs(residual) < INLIER_SIGMAS * sigma
+        terms, deviation = _without_table(columns[used], by_height[used], cell[used], n_planes)
+    rows = [view_of_pixel[used] == k for k in range(len(views))]
+    H = np.array([terms[row].T @ terms[row] for row in rows]) / sigma**2
+    g = np.array([terms[row].T @ deviation[row] for row in rows]) / sigma**2
     warp, scale = np.zeros(count), 1.0
     for _ in range(3):
         warp = np.linalg.solve(prior + H.sum(axis=0) / scale, g.sum(axis=0) / scale)
@@ -151,7 +185,7 @@ def measure_warp(views: Sequence[WarpEquations]) -> DepthWarp | None:
     return None if by_chance or rms_m < MIN_WARP_M else DepthWarp(warp, rms_m)
 
 
-def is_similar(a: DepthWarp | None, b: DepthWarp | None, views: Sequence[WarpEquations]) -> bool:
+def is_similar(a: DepthWarp | None, b: DepthWarp | None, views: Sequence[TableSample]) -> bool:
     """Return whether two warps, or none, give nearly the same depth of the table in the views."""
     if a is None or b is None:
         return a is b
@@ -172,21 +206,29 @@ def correct(view: DepthView, warp: DepthWarp) -> CorrectedView:
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
 
 
-def _rms_on_table(coefficients: NDArray[np.float64], views: Sequence[WarpEquations]) -> float:
+def _rms_on_table(coefficients: NDArray[np.float64], views: Sequence[TableSample]) -> float:
     """Return the root mean square of the depth error on the table that the coefficients (J,) cause, metres."""
     return float(np.sqrt(np.mean([coefficients @ view.depth_moments @ coefficients for view in views])))
 
 
-def _pixels_near(view: DepthView, plane: ViewPlane, scene: Scene) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows (N,) and the columns (N,) of evenly subsampled pixels near the plane of the table."""
-    step = int(np.ceil(np.sqrt(max(view.depth.size / SAMPLE_SIZE, 1.0))))
-    rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
-    points = deproject(view, rows, columns)
-    sides = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 2 if scene.workspace_m is None else scene.workspace_m[:2])
-    height_m = points[:, 2] - plane.centre[2] - (points[:, :2] - plane.centre[:2]) @ plane.slope
-    is_inside = np.all((points[:, :2] >= sides[:, 0]) & (points[:, :2] <= sides[:, 1]), axis=1)
-    near = is_inside & (np.abs(height_m) < INLIERS_M[0])
-    return rows[near], columns[near]
+def _without_table(
+    columns: NDArray[np.float64], by_height: NDArray[np.float64], cell: NDArray[np.int64], n_planes: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the terms (N, J) and the values (N,) without what relief and planes of the table explain.
+
+    Args:
+        columns: (N, n_planes + J + 1) derivatives by the planes of the views, the terms, and the values.
+        by_height: (N,) derivatives of the values by the heights of the cells.
+        cell: (N,) numbers of the cells.
+        n_planes: Number of columns of the planes.
+    """
+    squares = np.bincount(cell, by_height**2)
+    sums = np.stack([np.bincount(cell, by_height * column) for column in columns.T], axis=1)
+    columns = columns - by_height[:, None] * (sums / np.maximum(squares, 1e-12)[:, None])[cell]
+    planes, rest = columns[:, :n_planes], columns[:, n_planes:]
+    # The heights of the cells contain the mean of all planes, so the equations of the planes may be singular.
+    rest = rest - planes @ np.linalg.lstsq(planes.T @ planes, planes.T @ rest, rcond=1e-9)[0]
+    return rest[:, :-1], rest[:, -1]
 
 
 def _across(pixels: NDArray[np.intp], count: int) -> NDArray[np.float64]:
