@@ -134,7 +134,7 @@ def sample_table(view: DepthView, plane: ViewPlane, scene: Scene) -> TableSample
     x, y = np.floor(points[:, :2] / CELL_M).astype(np.int64).T
     return TableSample(
         inverse_depth=1 / depth_m,
-        linear=np.column_stack([np.ones(len(rows)), by_row[:, 1], by_column[:, 1]]),
+        linear=np.column_stack([np.ones(len(rows)), by_row[:, 1], by_column[:, 1]]).astype(np.float64),
         terms=terms,
         by_height=slant / np.maximum(above_m, MIN_ABOVE_M) ** 2,
         cell=x * CELL_ROW + y,
@@ -146,7 +146,8 @@ def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     """Return the warp that all views show, or None if it is small or may be due to chance.
 
     The planes of the views, the heights of the cells and the coefficients of the warp are fitted together. If the views
-    contradict each other more than the noise explains, the covariance of the warp grows in proportion.
+    contradict each other more than the noise explains, the covariance of the warp grows in proportion. If they
+    contradict each other more than the warp explains, there is no warp.
 
     Args:
         views: Samples of the views that show the table.
@@ -173,16 +174,17 @@ def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     rows = [view_of_pixel[used] == k for k in range(len(views))]
     H = np.array([terms[row].T @ terms[row] for row in rows]) / sigma**2
     g = np.array([terms[row].T @ deviation[row] for row in rows]) / sigma**2
-    warp, scale = np.zeros(count), 1.0
+    warp, scale, squares = np.zeros(count), 1.0, np.zeros(len(views))
     for _ in range(3):
         warp = np.linalg.solve(prior + H.sum(axis=0) / scale, g.sum(axis=0) / scale)
         contradiction = g - H @ warp
         squares = np.vecdot(contradiction, np.linalg.solve(H + prior, contradiction[..., None])[..., 0])
         scale = max(float(squares.sum()) / (count * (len(views) - 1)), 1.0)
-    significance = float(warp @ H.sum(axis=0) @ warp) / scale
+    explained = float(warp @ H.sum(axis=0) @ warp)
+    is_chance = explained / scale < count + MAX_CHANCE_SIGMAS * np.sqrt(2 * count)
+    is_contradicted = float(squares.sum()) > explained
     rms_m = _rms_on_table(warp, views)
-    by_chance = significance < count + MAX_CHANCE_SIGMAS * np.sqrt(2 * count)
-    return None if by_chance or rms_m < MIN_WARP_M else DepthWarp(warp, rms_m)
+    return None if is_chance or is_contradicted or rms_m < MIN_WARP_M else DepthWarp(warp, rms_m)
 
 
 def is_similar(a: DepthWarp | None, b: DepthWarp | None, views: Sequence[TableSample]) -> bool:

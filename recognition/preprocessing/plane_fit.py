@@ -64,11 +64,14 @@ def is_apart(residual: NDArray[np.float64], min_distance_m: float, min_points: f
     """Return the mask (N,) of the points that may belong to another plane; none, if they are too few or noise.
 
     Args:
-        residual: (N,) signed distances from a plane, metres; positive on the side of the other plane.
+        residual: (N,) signed distances from a plane, metres; positive on the side of the other plane. Neighbours in
+            the image follow one another.
         min_distance_m: Minimum distance of such points, metres. It is larger if the points scatter more.
         min_points: Minimum number of such points.
     """
     result = residual > min_distance_m
     if result.sum() >= min_points:
-        result = residual > max(min_distance_m, APART_SIGMAS * mode_sigma(residual))
+        # A plane between two real ones is tilted, so that the distances scatter more than the noise.
+        sigma = min(mode_sigma(residual), 1.4826 * float(np.median(np.abs(np.diff(residual)))) / np.sqrt(2))
+        result = residual > max(min_distance_m, APART_SIGMAS * sigma)
     return result if result.sum() >= min_points else np.zeros(len(residual), dtype=bool)

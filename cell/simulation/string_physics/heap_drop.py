@@ -59,7 +59,7 @@ Points = NDArray[np.float64]
 class PhysicsError(ImportError):
     """MuJoCo is not installed."""
 
-    slug = "physics"
+    slug = "scene"
 
 
 def drop(curves: Sequence[Points], radius_m: float, hang_radii: float) -> list[Points]:

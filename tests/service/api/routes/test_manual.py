@@ -245,6 +245,6 @@ def test_every_fault_that_the_console_links_to_has_its_type_and_section() -> Non
     source = (ROOT / "service/console/web/src/ui/manual.tsx").read_text()
     table = source[source.index("FAULTS") :]
     faults = re.findall(r'^  "([a-z-]+)": "([a-z-]+)",$', table[: table.index("};")], re.MULTILINE)
-    assert len(faults) == 27
+    assert len(faults) == 28
     assert {slug for slug, _ in faults} <= set(PROBLEM_TYPES)
     assert {section for _, section in faults} <= built(MANUAL_FOLDER / "operator/faults.html").ids
