@@ -28,7 +28,7 @@ def test_strands_lie_side_by_side_in_contact(seed: int) -> None:
     assert len(np.unique(a[is_contact])) >= 27
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, 3])  # these are drawn quickly
 def test_dense_tangles_have_ten_to_twenty_crossings(seed: int) -> None:
     scene = make_case("dense", seed).scene
     assert 2 <= len(scene.curves) <= 4

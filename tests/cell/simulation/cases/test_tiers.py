@@ -10,14 +10,23 @@ from cell.simulation.scenes.ground_truth import true_crossings
 from cell.simulation.scenes.shapes import polyline_length
 from cell.simulation.scenes.strand_clearance import deepest_overlap
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("tiers")]  # one process draws the cases
 
-SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS} | {"heap": (3, 2)}
+SEEDS = {tier: (0, 1, 2) if tier in ("hard", "measured") else (0, 2) for tier in TIERS}
+SEEDS |= {"heap": (3, 2), "dense": (0, 3)}  # these are drawn quickly
+
+
+class DrawnCases(dict[str, list[Case]]):
+    """Cases by tier, drawn when they are needed."""
+
+    def __missing__(self, tier: str) -> list[Case]:
+        self[tier] = [make_case(tier, seed) for seed in SEEDS[tier]]
+        return self[tier]
 
 
 @pytest.fixture(scope="module")
 def cases() -> dict[str, list[Case]]:
-    return {tier: [make_case(tier, seed) for seed in SEEDS[tier]] for tier in TIERS}
+    return DrawnCases()
 
 
 def measure(case: Case) -> tuple[int, float, float, int]:

@@ -11,7 +11,7 @@ from cell.simulation.scenes.strand_clearance import deepest_overlap
 from cell.simulation.string_physics.knot_tightening import core_range, core_size
 from recognition.geometry.polyline import arc_length
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("tight")]  # one process draws the cases
 
 DETERMINANTS = {"overhand": 3, "figure-eight": 5, "square": 9}
 """Determinant of each knot with its ends joined: 1 is no knot, 3 a trefoil, 5 a figure-eight, 9 two trefoils."""
