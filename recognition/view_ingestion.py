@@ -12,6 +12,7 @@ from recognition.errors import DuplicateViewError, TooCrowdedError
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.depth_warp import (
+    MAX_VIEWS,
     DepthWarp,
     TableSample,
     correct,
@@ -115,7 +116,7 @@ class _Ingestion:
         plane = measure_table(view, self.scene)
         self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
         samples = [sample for sample in self.samples if sample is not None]
-        warp = measure_warp(samples)
+        warp = measure_warp(samples) if len(samples) <= MAX_VIEWS else self.warp
         if is_similar(warp, self.warp, samples):
             self.add(view, plane if self.warp is None else None)
             return self.at_measured_table()

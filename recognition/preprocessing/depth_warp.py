@@ -39,6 +39,8 @@ MIN_PIXELS = 300
 """Minimum number of pixels on the table in a view that contributes."""
 MIN_VIEWS = 4
 """Minimum number of views. Fewer views hardly show whether the deviation is one of the camera."""
+MAX_VIEWS = 8
+"""Maximum number of views from which the warp is measured: the first ones. Further views hardly change it."""
 PRIOR_PER_M = 0.02
 """Prior standard deviation of a coefficient of the warp, 1/m: 0.3 pixels of disparity for a baseline of 20 mm and a
 focal length of 800 pixels, and more for a longer baseline."""
@@ -51,6 +53,8 @@ MAX_CHANGE_M = 0.0001
 metres."""
 MAX_CHANGE_SHARE = 0.1
 """The same as a share of the warp. A larger warp is known less exactly."""
+MIN_DEPTH_FACTOR = 0.5
+"""Minimum ratio of a corrected depth to a measured one, and of the reverse: the error far from the table is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +158,7 @@ def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     """
     if len(views) < MIN_VIEWS:
         return None
+    views = views[:MAX_VIEWS]
     count, n_planes = len(TERMS), 3 * len(views)
     y = np.concatenate([view.inverse_depth for view in views])
     view_of_pixel = np.repeat(np.arange(len(views)), [len(view.inverse_depth) for view in views])
@@ -202,7 +207,8 @@ def correct(view: DepthView, warp: DepthWarp) -> CorrectedView:
         warp: Warp of its camera.
     """
     depth_m = view.depth * view.depth_unit_m
-    depth_m /= 1 - depth_m * warp.inverse_depth_error((view.depth.shape[0], view.depth.shape[1]))
+    error = depth_m * warp.inverse_depth_error((view.depth.shape[0], view.depth.shape[1]))
+    depth_m /= np.clip(1 - error, MIN_DEPTH_FACTOR, 1 / MIN_DEPTH_FACTOR)
     unit_m = min(view.depth_unit_m, float(depth_m.max(initial=0.0)) / np.iinfo(np.uint16).max or view.depth_unit_m)
     counts = np.clip(np.rint(depth_m / unit_m), 0, np.iinfo(np.uint16).max)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
