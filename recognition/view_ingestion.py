@@ -118,24 +118,25 @@ class _Ingestion:
         samples = [sample for sample in self.samples if sample is not None]
         warp = measure_warp(samples) if len(samples) <= MAX_VIEWS else self.warp
         if is_similar(warp, self.warp, samples):
-            self.add(view, plane if self.warp is None else None)
+            self.add(view, plane)
             return self.at_measured_table()
         again = _Ingestion(self.parameters, self.scene, self.T_base_table, warp, self.samples)
         for earlier in (*self.views, view):
-            again.add(earlier)
+            again.add(earlier, measure_table(earlier, self.scene) if warp is None else None)
         return again.at_measured_table()
 
-    def add(self, view: DepthView, plane: ViewPlane | None = None) -> None:
+    def add(self, view: DepthView, plane: ViewPlane | None) -> None:
         """Preprocess a view with the table at `T_base_table` and the current warp.
 
         Args:
             view: View as it was captured.
-            plane: Plane of the table that the view shows without the warp; None if it was not measured.
+            plane: Plane of the table in this view. With a warp, it is measured again.
         """
         self.views.append(view)
         if self.warp is not None:
             view = correct(view, self.warp)
-        self.planes.append(plane or measure_table(view, self.scene))
+            plane = measure_table(view, self.scene)
+        self.planes.append(plane)
         if not np.array_equal(self.T_base_table, np.eye(4)):
             view = MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
         self.targets.append(target := preprocess(view, self.parameters, self.scene))
@@ -241,8 +242,8 @@ def correct_views(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthVie
     The views are returned as they are if the camera has no warp and the table is where it is given.
     """
     planes = [measure_table(view, scene) for view in views]
-    shown = [sample_table(view, plane, scene) for view, plane in zip(views, planes, strict=True) if plane is not None]
-    warp = measure_warp([equations for equations in shown if equations is not None])
+    samples = [sample_table(view, plane, scene) for view, plane in zip(views, planes, strict=True) if plane is not None]
+    warp = measure_warp([sample for sample in samples if sample is not None])
     if warp is not None:
         views = [correct(view, warp) for view in views]
         planes = [measure_table(view, scene) for view in views]
