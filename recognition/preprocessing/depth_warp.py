@@ -14,8 +14,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
-from recognition.preprocessing.table_measurement import ViewPlane
-from recognition.preprocessing.target_cloud import MAX_REACH_M, DepthView, Scene, deproject
+from recognition.preprocessing.table_measurement import ViewPlane, pixels_near_table
+from recognition.preprocessing.target_cloud import DepthView, Scene
 
 DEGREE = 5
 """Maximum degree of the polynomials of the warp. It describes three half periods across the image."""
@@ -114,15 +114,11 @@ def sample_table(view: DepthView, plane: ViewPlane, scene: Scene) -> TableSample
     Args:
         view: Depth image with its camera pose.
         plane: Plane of the table in the view.
-        scene: Sides of the workspace.
+        scene: Given table height, and sides of the workspace.
     """
-    step = int(np.ceil(np.sqrt(max(view.depth.size / SAMPLE_SIZE, 1.0))))
-    rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
-    points = deproject(view, rows, columns)
-    sides = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 2 if scene.workspace_m is None else scene.workspace_m[:2])
+    rows, columns, points = pixels_near_table(view, scene, SAMPLE_SIZE)
     height_m = points[:, 2] - plane.centre[2] - (points[:, :2] - plane.centre[:2]) @ plane.slope
-    is_inside = np.all((points[:, :2] >= sides[:, 0]) & (points[:, :2] <= sides[:, 1]), axis=1)
-    near = is_inside & (np.abs(height_m) < NEAR_M)
+    near = np.abs(height_m) < NEAR_M
     if near.sum() < MIN_PIXELS:
         return None
     rows, columns, points = rows[near], columns[near], points[near]

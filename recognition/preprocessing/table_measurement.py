@@ -56,7 +56,7 @@ def measure_table(view: DepthView, scene: Scene) -> ViewPlane | None:
         scene: Given table height and workspace. Only the sides of the workspace count, because its floor may be as
             wrong as the height of the table.
     """
-    points = _sample(view, scene)
+    _, _, points = pixels_near_table(view, scene, SAMPLE_SIZE)
     if len(points) < MIN_INLIERS:
         return None
     middle = points.mean(axis=0)
@@ -119,14 +119,23 @@ def _is_as_given(plane: ViewPlane, scene: Scene) -> bool:
     return is_level and abs(float(plane.centre[2]) - scene.table_z_m) <= MAX_HEIGHT_ERROR_M
 
 
-def _sample(view: DepthView, scene: Scene) -> NDArray[np.float64]:
-    """Return evenly subsampled points (N, 3) of the view near the given table, metres, base frame."""
-    step = int(np.ceil(np.sqrt(max(view.depth.size / SAMPLE_SIZE, 1.0))))
-    rows, columns = np.nonzero(view.depth[step // 2 :: step, step // 2 :: step])
-    points = deproject(view, rows * step + step // 2, columns * step + step // 2)
+def pixels_near_table(
+    view: DepthView, scene: Scene, size: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the rows (N,), the columns (N,) and the points (N, 3) of pixels near the given table.
+
+    Args:
+        view: Depth image with its camera pose.
+        scene: Given table height, and sides of the workspace.
+        size: Approximate number of pixels after even subsampling of the image.
+    """
+    step = int(np.ceil(np.sqrt(max(view.depth.size / size, 1.0))))
+    rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
+    points = deproject(view, rows, columns)
     box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
     box[2] = scene.table_z_m - SEARCH_M, scene.table_z_m + SEARCH_M
-    return points[np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)]
+    near = np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)
+    return rows[near], columns[near], points[near]
 
 
 def _plane_of_most(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64] | None:
