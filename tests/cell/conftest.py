@@ -1,4 +1,7 @@
-"""One virtual controller for all tests of this folder in a process. `virtual_arm.fresh` resets it."""
+"""One virtual controller for all tests of a module. `virtual_arm.fresh` resets it.
+
+One for the whole session would go on with its cycle until the last test, which takes more time than a start per module.
+"""
 
 from collections.abc import Iterator
 
@@ -8,7 +11,7 @@ from cell.simulation.ur_controller.launcher import RunningController, start_cont
 from tests.cell.loopback import free_host
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def controller() -> Iterator[RunningController]:
     with start_controller(host=free_host()) as controller:
         yield controller

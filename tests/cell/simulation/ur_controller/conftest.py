@@ -1,4 +1,4 @@
-"""One virtual controller for all tests of this folder in a process, reset before each test."""
+"""One virtual controller for all tests of a module, reset before each test."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from cell.simulation.ur_controller.launcher import RunningController, start_cont
 from tests.cell.simulation.ur_controller.cell_log import FAST, HOME_Q_RAD
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def running_controller() -> Iterator[RunningController]:
     with start_controller() as controller:
         yield controller
@@ -21,7 +21,7 @@ def controller(running_controller: RunningController) -> RunningController:
     return running_controller
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def running_fast_controller() -> Iterator[RunningController]:
     with start_controller("ur3e", time_factor=FAST, software="5.11.0") as controller:
         yield controller
