@@ -79,14 +79,20 @@ def to_run(page: Path) -> list[Block]:
     ]
 
 
+def uses_service(page: Path) -> bool:
+    """Return whether a page's blocks call the service."""
+    return any(ADDRESS in block.text for block in to_run(page))
+
+
 def uses_cell(page: Path) -> bool:
     """Return whether a page's blocks need the cell or the service."""
-    return any(ADDRESS in block.text or any(begin in block.text for begin in CELL_COMMANDS) for block in to_run(page))
+    return uses_service(page) or any(begin in block.text for block in to_run(page) for begin in CELL_COMMANDS)
 
 
+# The pages that call the service come last: its cell takes a quarter of a core as long as it is connected.
 PAGES = [
     pytest.param(page, id=name_of(page), marks=[pytest.mark.xdist_group("documents")] if uses_cell(page) else [])
-    for page in pages()
+    for page in sorted(pages(), key=lambda page: (uses_service(page), uses_cell(page)))
     if to_run(page)
 ]
 
@@ -167,11 +173,11 @@ def new_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 def cell(request: pytest.FixtureRequest) -> LiveCell | None:
     """The live cell if the page calls the service. Recognition is loaded and no job is active."""
     page: Path = request.getfixturevalue("page")
-    text = "".join(block.text for block in to_run(page))
-    if ADDRESS not in text:
+    if not uses_service(page):
         return None
     # the number of an event in a page is one of the first scan
-    live: LiveCell = request.getfixturevalue("new_cell" if "Last-Event-ID" in text else "shared_cell")
+    is_first = any("Last-Event-ID" in block.text for block in to_run(page))
+    live: LiveCell = request.getfixturevalue("new_cell" if is_first else "shared_cell")
     live.is_well()
     wait_until(lambda: live.client.get("/readyz").status_code == 200)
     return live
