@@ -28,6 +28,8 @@ from tests.service.observed_problems import OBSERVED, check_observed, observe_an
 
 # This only bounds a hang. A busy machine may take long to start a process.
 PATIENCE_S = 120.0
+LONGEST_PAUSE_S = 0.1
+"""Longest pause between two requests for the state of a job. Each request takes several milliseconds of computing."""
 
 
 class ServedClient(httpx2.Client):
@@ -145,7 +147,7 @@ def finished() -> Callable[[httpx2.Client, str], dict[str, Any]]:
             found.update(client.get(location).json())
             return found["state"] not in ACTIVE_STATES
 
-        wait_until(ended)
+        wait_until(ended, LONGEST_PAUSE_S)
         return found
 
     return wait
@@ -188,9 +190,16 @@ def held(recognition_process: int) -> Iterator[int]:
         os.kill(recognition_process, signal.SIGCONT)
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait until `condition` is true, at most `PATIENCE_S`."""
-    deadline = time.monotonic() + PATIENCE_S
+def wait_until(condition: Callable[[], bool], longest_pause_s: float = 0.02) -> None:
+    """Wait until `condition` is true, at most `PATIENCE_S`.
+
+    Args:
+        condition: Checked again and again.
+        longest_pause_s: Longest pause between two checks, for a condition that stays true. The pause is a tenth of the
+            time waited so far, and at least 0.02 s.
+    """
+    begin = time.monotonic()
     while not condition():
-        assert time.monotonic() < deadline, "timeout"
-        time.sleep(0.02)
+        waited_s = time.monotonic() - begin
+        assert waited_s < PATIENCE_S, "timeout"
+        time.sleep(min(max(0.02, 0.1 * waited_s), longest_pause_s))

@@ -11,7 +11,7 @@ from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host
-from tests.service.conftest import Serve, ServedClient, wait_until
+from tests.service.conftest import LONGEST_PAUSE_S, Serve, ServedClient, wait_until
 
 FAST: dict[str, Any] = {"fps": 30.0, "exposures": 1, "settle_s": 0.0}
 SCAN = {"mode": "live", "string_radius_m": 0.0042}
@@ -43,22 +43,22 @@ class LiveCell:
     def failure(self, **wanted: Any) -> tuple[str, str]:
         """Start a live scan that cannot be prepared. Return the slug and the detail of its problem."""
         location = self.start(**wanted)
-        wait_until(lambda: self.client.get(location).json()["final"])
+        wait_until(lambda: self.client.get(location).json()["final"], LONGEST_PAUSE_S)
         scan = self.client.get(location).json()
         assert (scan["state"], scan["started_at"], scan["progress"]["views"]) == ("failed", None, []), scan
         return scan["problem"]["type"].removeprefix("urn:pointchain:"), scan["problem"]["detail"]
 
     def views(self, location: str) -> dict[int, str]:
         """Return the state of each viewpoint that was started, by its index."""
-        return {view["index"]: view["state"] for view in self.client.get(location).json()["progress"]["views"]}
+        return view_states(self.client.get(location).json())
 
     def wait_for_motion(self, location: str, views: int = 1) -> None:
         """Wait until `views` views are recorded and the arm moves to the next viewpoint."""
 
         def under_way() -> bool:
-            states = list(self.views(location).values())
-            state = self.client.get(location).json()["state"]
-            assert state in ("queued", "connecting", "preflight", "scanning"), state
+            scan = self.client.get(location).json()
+            assert scan["state"] in ("queued", "connecting", "preflight", "scanning"), scan["state"]
+            states = list(view_states(scan).values())
             return states.count("recorded") >= views and "moving" in states and self.moving()
 
         wait_until(under_way)
@@ -77,10 +77,15 @@ class LiveCell:
 
     def is_well(self) -> None:
         """Wait for the end of the current job and of the move home, and check that the cell connects."""
-        wait_until(lambda: self.state()["state"] != "busy")
+        wait_until(lambda: self.state()["state"] != "busy", LONGEST_PAUSE_S)
         answer = self.client.post("/api/cell/connect")
         assert answer.status_code == 200, answer.text
         assert answer.json()["state"] == "ready"
+
+
+def view_states(scan: dict[str, Any]) -> dict[int, str]:
+    """Return the state of each viewpoint that was started, by its index."""
+    return {view["index"]: view["state"] for view in scan["progress"]["views"]}
 
 
 @contextmanager
