@@ -94,6 +94,7 @@ def test_the_close_up_has_the_labels_of_the_strands_inside_its_frame() -> None:
         assert close_up.bbox.y0 <= box.y0 <= box.y1 <= close_up.bbox.y1
 
 
+@pytest.mark.parametrize("scan", ["figure-eight"], indirect=True)
 def test_pictures_are_numbered_and_replace_those_of_another_method(scan: Any, tmp_path: Path) -> None:
     (tmp_path / "01_notes.png").write_text("not ours")
     for method in METHODS:
