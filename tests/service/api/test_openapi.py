@@ -15,6 +15,7 @@ from service.app import create_app, openapi_document
 from service.config.loader import ServiceConfig
 from service.problems.problem_types import PROBLEM_TYPES
 from tests.service.conftest import PATIENCE_S, Serve
+from tests.service.security.conftest import without_recognition
 
 COMMITTED = Path(service.__file__).parent / "openapi.json"
 ALL_PROBLEMS = set(json.loads(COMMITTED.read_text())["components"]["schemas"]["Problem"]["properties"]["type"]["enum"])
@@ -86,7 +87,7 @@ def test_no_request_waits_while_the_document_is_generated(
         return {"made": "at last"}
 
     # a service of its own, because the answer that is made here stays in its cache
-    with serve(tmp_path) as client, ThreadPoolExecutor(1) as pool:
+    with without_recognition(serve, tmp_path) as client, ThreadPoolExecutor(1) as pool:
         monkeypatch.setattr(client.app, "openapi", make)
         pending = pool.submit(client.get, "/openapi.json")
         try:

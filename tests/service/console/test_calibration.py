@@ -12,6 +12,7 @@ from tests.service.api.routes.test_calibration import REFUSED
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.live_cell import LiveCell, live_cell
+from tests.service.security.conftest import without_recognition
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -37,7 +38,7 @@ def rejected(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     """A service whose only calibration was rejected."""
     result = REFUSED | {"views": [EXCLUDED_VIEW]}
     run = replace(new_calibration("calibration", Board(), 12), state="succeeded", result=result)
-    with serve(tmp_path_factory.mktemp("data")) as client:
+    with without_recognition(serve, tmp_path_factory.mktemp("data")) as client:
         store = client.app.state.context.store.calibrations
         store.add(run)
         store.set_view(run.id, 11, "recorded")

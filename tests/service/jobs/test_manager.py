@@ -32,6 +32,7 @@ from service.storage.retention import sweep
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient, wait_until
+from tests.service.security.conftest import without_recognition
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
@@ -153,7 +154,7 @@ def test_a_recording_without_a_row_is_adopted_at_the_next_start(serve: Serve, tm
     folder.recording(unreadable).mkdir()
     store.close()
     folder.close()
-    with serve(tmp_path) as client:
+    with without_recognition(serve, tmp_path) as client:
         for scan_id in scans:
             scan = client.get(f"/api/scans/{scan_id}").json()
             assert scan["recording"] == scan_id

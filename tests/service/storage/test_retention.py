@@ -25,6 +25,7 @@ from service.storage.retention import sweep
 from service.storage.rows import RecordingRow, ScanErrorRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, wait_until
+from tests.service.security.conftest import without_recognition
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 
@@ -185,7 +186,8 @@ def test_the_service_removes_old_scans_and_refuses_jobs_that_may_not_fit(
         add_scan(before, "old", 99)
         add_scan(before, "marked", 99, kept=True)
     monkeypatch.setattr("service.storage.retention.STEADY_S", 0.0)
-    with serve(tmp_path, retention={"max_age_days": 30}, limits={"min_free_bytes": 10 * 2**20}) as client:
+    limits = {"min_free_bytes": 10 * 2**20}
+    with without_recognition(serve, tmp_path, retention={"max_age_days": 30}, limits=limits) as client:
         wait_until(lambda: client.get("/api/scans/old").status_code == 404)
         assert client.get("/api/scans/marked").status_code == 200
 

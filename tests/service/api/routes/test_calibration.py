@@ -27,6 +27,7 @@ from service.storage.database import new_id
 from service.storage.rows import CalibrationRow, ScanErrorRow
 from service.storage.store import Store
 from tests.service.conftest import Serve, ServedClient
+from tests.service.security.conftest import without_recognition
 
 Problem = Callable[[httpx2.Response, int, str], str]
 
@@ -92,7 +93,7 @@ def client(
                 scan.id, nominal_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()
             )
             store.calibrations.add_scan_error(error)
-    with serve(root, camera=CAMERA) as client:
+    with without_recognition(serve, root, camera=CAMERA) as client:
         yield client
 
 
@@ -181,7 +182,7 @@ def test_a_verification_needs_the_board_of_a_calibration(client: httpx2.Client, 
 def test_an_unusable_file_is_the_reason_and_no_warning(serve: Serve, tmp_path: Path) -> None:
     file = tmp_path / "hand_eye.json"
     file.write_text("{}")
-    with serve(tmp_path / "data", hand_eye={"file": file}) as client:
+    with without_recognition(serve, tmp_path / "data", hand_eye={"file": file}) as client:
         status = client.get("/api/calibration").json()
         assert status["calibration"] is None
         assert "T_flange_camera" in status["reason"]

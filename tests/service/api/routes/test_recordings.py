@@ -15,6 +15,7 @@ from cell.recording import RecordingHeader, RecordingWriter
 from service.api.dependencies import Context
 from service.api.routes.recordings import MAX_UPLOADS
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
+from tests.service.security.conftest import without_recognition
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
 AssertProblem = Callable[[httpx2.Response, int, str], str]
@@ -90,7 +91,7 @@ def test_a_page_begins_before_an_id(client: httpx2.Client, recording: str) -> No
 @pytest.fixture
 def clean_service(serve: Serve, tmp_path: Path) -> Iterator[ServedClient]:
     """Start a service whose data folder must hold no recording at the end."""
-    with serve(tmp_path, limits={"upload_bytes": 50_000}) as client:
+    with without_recognition(serve, tmp_path, limits={"upload_bytes": 50_000}) as client:
         yield client
         assert client.get("/api/recordings").json() == {"recordings": [], "next": None}
     files = [path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*") if path.is_file()]
