@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,19 +24,29 @@ pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
-@pytest.fixture
-def past(
-    serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[ServedClient]:
-    """A service with one scan that has a result and one that has none. It ends after the page, which is made later."""
-    with serve(tmp_path_factory.mktemp("data")) as client:
+@pytest.fixture(scope="module")
+def data(serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Data folder of a service that has ended, with one scan that has a result and one that has none."""
+    folder = tmp_path_factory.mktemp("past") / "data"
+    with serve(folder) as client:
         recording = client.post("/api/recordings", content=recording_file.read_bytes()).json()["id"]
         request = {"mode": "replay", "recording": recording}
         done = client.post("/api/scans", json=request).headers["Location"]
-        assert finished(client, done)["state"] == "succeeded"
+        scan = finished(client, done)
+        assert scan["state"] == "succeeded"
+        assert client.get(scan["links"]["preview"]).status_code == 200  # wait until it is drawn
         failure = Failure("robot-lost", "the robot was lost on its way")
         failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=failure)
         client.app.state.context.store.scans.add(failed)
+    return folder
+
+
+@pytest.fixture
+def past(serve: Serve, data: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
+    """A service with a copy of the data folder. It ends after the page, which is made later."""
+    copy = tmp_path_factory.mktemp("copy") / "data"
+    shutil.copytree(data, copy)
+    with without_recognition(serve, copy) as client:  # a test that recognises starts it
         yield client
 
 
