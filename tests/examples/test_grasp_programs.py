@@ -63,8 +63,10 @@ def planner(cell: LiveCell) -> Iterator[Client]:
 
 @pytest.fixture(scope="module")
 def scan(planner: Client) -> str:
-    """A live scan of a string with one crossing."""
-    return planner.scan(string_radius_m=0.0042, timeout_s=PATIENCE_S).id
+    """A live scan of a string with one crossing. The arm is released: the tests only read the result."""
+    scan = planner.scan(string_radius_m=0.0042, timeout_s=PATIENCE_S).id
+    planner.release()
+    return scan
 
 
 @pytest.fixture(scope="module")
@@ -176,6 +178,7 @@ def test_nothing_is_printed_where_the_arm_reaches_no_grasp(short_gripper: LiveCe
     url = str(short_gripper.client.base_url)
     with Client(url) as planner:
         scan = next(planner.scans(), None) or planner.scan(string_radius_m=0.0042, timeout_s=PATIENCE_S)
+        planner.release()
     for options in ((), ("--without-reach",)) if example == "moveit_grasps" else ((),):
         done = run(example, url, scan.id, *options)
         assert (done.returncode, done.stdout) == (1, "")

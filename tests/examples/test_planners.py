@@ -38,6 +38,15 @@ def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess
     )
 
 
+@pytest.fixture(autouse=True)
+def _arms_are_released(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Release the arm of the cell that a test has used: the cells of this module run side by side until its end."""
+    yield
+    for used in request.node.funcargs.values():
+        if isinstance(used, LiveCell):
+            used.release()
+
+
 @pytest.fixture(scope="module")
 def knot(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     """A cell with a string on the table."""

@@ -20,6 +20,15 @@ SHORT_GRIPPER = {"length_m": 0.07}
 """With this gripper, the camera meets the table at each grasp."""
 
 
+@pytest.fixture(autouse=True)
+def _arms_are_released(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Release the arm of the cell that a test has used: the cells of this module run side by side until its end."""
+    yield
+    for used in request.node.funcargs.values():
+        if isinstance(used, LiveCell):
+            used.release()
+
+
 @pytest.fixture(scope="module")
 def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:

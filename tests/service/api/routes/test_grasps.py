@@ -100,7 +100,10 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 
 @pytest.fixture(scope="module")
 def live_scan(cell: LiveCell, finished: Finished) -> dict[str, Any]:
-    return finished(cell.client, cell.start())
+    """An ended live scan. The arm is released: the tests only read the result."""
+    scan = finished(cell.client, cell.start())
+    cell.release()
+    return scan
 
 
 @pytest.mark.slow
