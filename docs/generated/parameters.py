@@ -65,8 +65,9 @@ that says why it has its value. Lengths are in radii.
 | bends under strands | `hidden_bends.py` | `MIN_TUBE_SHARE` 0.88, `MAX_LENGTH_RADII` 9, `MIN_STACK_RADII` 4 |
 | tube fit | `tube_fit.py`, `refinement.py` | `BEND_SIGMA_RADII` 1/38, `STEP_RADII` 0.7, `MAX_DEVIATION_SHARE` 0.12 |
 | string test | `string_classifier.py` | `MIN_LENGTH_RADII` 10, `MAX_ROUNDNESS_ERROR` 0.04, `MAX_SQUARENESS` 0.25 |
-| sigma | `uncertainty.py`, `hidden_lengths.py` | `SYSTEMATIC_SHARE` 0.35, `MIN_SIGMA_M` 0.1 mm, `BEND_LENGTH_RADII` 2 |
+| sigma | `uncertainty.py`, `fit_variance.py` | `SYSTEMATIC_VIEWS` 8, `MIN_SIGMA_M` 0.1 mm, `BEND_LENGTH_RADII` 2 |
 | registration, for all methods | `pose_prior.py`, `multiview_icp.py` | `PoseSigmas`, `INDEPENDENT_SHARE` 0.05 |
+| shared robot errors | `correlated_errors.py`, `pose_correlation.py` | `SMOOTH_SHARES`, `LENGTH_M` 0.4 m |
 """
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.assembly.hidden_lengths import hidden_variance
+from recognition.assembly.fit_variance import fit_variance
 from recognition.geometry.polyline import unit_vectors
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.refinement import FittedStrand
@@ -16,20 +16,11 @@ SURFACE_STRIDE = 2
 """Stride of the surface points of a view in the count of views. Every second surface point is enough."""
 MIN_VIEW_POINTS = 2
 """Minimum number of surface points beside a point of the strand. With fewer, the view did not see the point."""
-SYSTEMATIC_SHARE = 0.35
-"""Share of the surface scatter that is common to neighbouring pixels, in a scan of `SYSTEMATIC_VIEWS` views. The
-scatter of patches of the table replaces it if it is larger, because the fit of a tube follows slow errors of the depth.
-
-Stereo errors are correlated over about one radius, so the average over the surface beside a point hardly reduces them.
-The average over the views does: the variance is inversely proportional to their number. With a single view, the share
-is 1. The value was chosen on simulated scans of eight views: with it, 2 sigma covers 95 % of the errors there. It also
-covers the larger errors of a short baseline at a long distance.
-"""
 SYSTEMATIC_VIEWS = 8
-"""Maximum number of views that reduce this share. Further views do not, because stereo errors repeat with the
-disparity."""
+"""Maximum number of views that average the slow error of the depth. Further views do not, because stereo errors repeat
+with the disparity."""
 MIN_SIGMA_M = 0.0001
-"""Lower limit of sigma, metres. The errors of the lens and of the depth scale are common to all views."""
+"""Lower limit of sigma, metres. No scan shows the errors of the lens that are common to all views."""
 
 
 def point_uncertainty(
@@ -40,9 +31,8 @@ def point_uncertainty(
     An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of three terms:
 
     - pose errors of the views after registration;
-    - the error of the fit, from the surface scatter and the support of the point, and where the string is hidden, from
-      the fit beside the hidden length and from the bends that the string may have there;
-    - errors that are common to all depth measurements.
+    - the error of the fit (`fit_variance`);
+    - slow errors of the depth, which are the same for all pixels beside a point (`_depth_variance`).
 
     Args:
         strand: Fitted strand with N points.
@@ -54,14 +44,34 @@ def point_uncertainty(
         number is 0 for bridged points.
     """
     views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
-    fit = 1.5 * scatter_m**2 / np.maximum(strand.support, 1e-3)
-    hidden = strand.bridged
-    if hidden.any() and not hidden.all():
-        fit[hidden] = hidden_variance(strand, fit)
-    patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds]))
-    averaging = SYSTEMATIC_VIEWS / min(len(registration.clouds), SYSTEMATIC_VIEWS)
-    common = MIN_SIGMA_M**2 + (SYSTEMATIC_SHARE * max(scatter_m, patch_m)) ** 2 * averaging
-    return np.sqrt(_pose_variance(strand.points, registration) + fit + common), views
+    variance = _pose_variance(strand.points, registration) + fit_variance(strand, scatter_m)
+    variance += _depth_variance(strand, registration, views, scatter_m)
+    return np.maximum(np.sqrt(variance), MIN_SIGMA_M), views
+
+
+def _depth_variance(
+    strand: FittedStrand, registration: Registration, views: NDArray[np.int64], scatter_m: float
+) -> NDArray[np.float64]:
+    """Return the variances (N,) across the string that slow errors of the depth cause at each point, metres squared.
+
+    Stereo errors are correlated over more than a radius, so the average over the surface beside a point hardly reduces
+    them, but the average over the views does. The scatter of patches of the table measures them. A displacement of a
+    string moves its surface along the normals by half of its square on average, so the variance in each direction is
+    twice that of a patch. At hidden points, the number of views is that of the visible ones beside them.
+
+    Args:
+        strand: Fitted strand with N points.
+        registration: Registered views.
+        views: (N,) number of views that saw each point.
+        scatter_m: Standard deviation of the surface points about the tubes, metres. It replaces an unknown scatter of
+            the patches.
+    """
+    patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds])) or scatter_m
+    seen, n = np.flatnonzero(views), len(views)
+    if not len(seen):
+        return np.full(n, 3 * patch_m**2)
+    near = np.interp(np.arange(n), seen, views[seen], period=n if strand.closed else None)
+    return np.asarray(3 * patch_m**2 / np.minimum(near, SYSTEMATIC_VIEWS), dtype=np.float64)
 
 
 def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import pose_from_twist
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.registration.correlated_errors import pose_covariance
 from recognition.registration.correspondences import MAX_ANCHORS, Correspondences, anchor_points, find_correspondences
 from recognition.registration.pose_prior import N_SHARED, PosePrior
 
@@ -134,7 +135,7 @@ def align_views(
             state, information = given_state, prior.information
     return Alignment(
         twists=_view_twists(state),
-        covariance=np.asarray(np.linalg.inv(information)[:-N_SHARED, :-N_SHARED], dtype=np.float64),
+        covariance=pose_covariance(state, information, prior, [cloud.T_base_camera for cloud in clouds]),
         hand_eye_error=state[-N_SHARED:-1],
         hand_eye_information=_marginal_hand_eye_information(information) if is_improved else None,
         robot_errors=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot_errors]),

@@ -6,18 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.hidden_lengths import (
-    BEND_LENGTH_RADII,
-    STRAIGHT_DENSITY,
-    bending_density,
-    hidden_variance,
-)
-from recognition.assembly.uncertainty import (
-    MIN_SIGMA_M,
-    SYSTEMATIC_SHARE,
-    SYSTEMATIC_VIEWS,
-    point_uncertainty,
-)
+from recognition.assembly.uncertainty import MIN_SIGMA_M, point_uncertainty
+from recognition.preprocessing.table_scatter import TableScatter
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
@@ -66,7 +56,7 @@ def test_more_views_are_better(seen: Callable, straight: Callable, registered: C
     # Independent views of POSE_M in each direction: the mean of n has a variance of 1 / n of it, and of the two
     # directions across the string one counts whole and the other half.
     sigma, _ = point_uncertainty(strand(), registered(views(seen, straight, *[0.11] * number), POSE_M), 0.0)
-    np.testing.assert_allclose(sigma, np.sqrt(1.5 * POSE_M**2 / number + MIN_SIGMA_M**2), rtol=1e-9, atol=0)
+    np.testing.assert_allclose(sigma, np.sqrt(1.5 * POSE_M**2 / number), rtol=1e-6, atol=0)
 
 
 def turned_by(registration: Registration, about: int, sigma_rad: float) -> Registration:
@@ -82,7 +72,7 @@ def test_a_rotation_counts_by_its_lever(seen: Callable, straight: Callable, regi
     for about, lever in ((2, X), (1, X), (0, np.full_like(X, R))):
         # About z it moves the string sideways, about y up and down; about its own direction only by its height.
         sigma, _ = point_uncertainty(strand(), turned_by(one_view, about, 0.01), 0.0)
-        np.testing.assert_allclose(sigma, np.hypot(0.01 * lever, MIN_SIGMA_M), rtol=1e-9, atol=0)
+        np.testing.assert_allclose(sigma, np.maximum(0.01 * lever, MIN_SIGMA_M), rtol=1e-6, atol=0)
 
 
 def test_a_displacement_along_the_string_is_no_error(seen: Callable, straight: Callable, registered: Callable) -> None:
@@ -90,79 +80,36 @@ def test_a_displacement_along_the_string_is_no_error(seen: Callable, straight: C
     np.testing.assert_allclose(sigma, MIN_SIGMA_M, rtol=1e-9, atol=0)
 
 
-def test_the_variance_of_the_fit_follows_scatter_and_support(
+def test_slow_errors_of_the_depth_are_averaged_over_the_views_only(
     seen: Callable, straight: Callable, registered: Callable
 ) -> None:
-    taken = registered(views(seen, straight, 0.11), 0.0)
-    excess = [
-        point_uncertainty(strand(support=support), taken, scatter)[0] ** 2
-        - MIN_SIGMA_M**2
-        - (SYSTEMATIC_SHARE * scatter) ** 2 * SYSTEMATIC_VIEWS
-        for scatter, support in ((0.0002, 40.0), (0.0004, 40.0), (0.0002, 10.0))
-    ]
-    # Variances go with the scatter's square and with one over the number of points.
-    np.testing.assert_allclose(excess[1] / excess[0], 4, rtol=1e-6, atol=0)
-    np.testing.assert_allclose(excess[2] / excess[0], 4, rtol=1e-6, atol=0)
-    assert excess[0].min() > 0
+    scatter, patch = 0.0003, 0.0005
 
-
-def test_errors_of_neighbouring_pixels_are_averaged_over_the_views_only(
-    seen: Callable, straight: Callable, registered: Callable
-) -> None:
-    scatter = 0.0003
-
-    def common(number: int) -> float:
+    def common(number: int, patch_m: float = 0.0) -> float:
         taken = registered(views(seen, straight, *[0.11] * number), 0.0)
-        sigma, _ = point_uncertainty(strand(support=1e12), taken, scatter)
-        return float(sigma[10] ** 2 - MIN_SIGMA_M**2)
+        clouds = tuple(replace(cloud, scatter=TableScatter(0.0, patch_m)) for cloud in taken.clouds)
+        sigma, _ = point_uncertainty(strand(support=1e12), replace(taken, clouds=clouds), scatter)
+        return float(sigma[10] ** 2)
 
-    # A single view has nearly all of the scatter, however many of its pixels are beside the point.
-    assert common(1) == pytest.approx(scatter**2, rel=0.05)
+    # The variance in each direction is twice that of a patch, because half of the normals show it. Half of the second
+    # direction counts. Without enough table, the scatter of the string replaces that of the patches.
+    assert common(1, patch) == pytest.approx(3 * patch**2, rel=0.01)
+    assert common(1) == pytest.approx(3 * scatter**2, rel=0.01)
     for number in (2, 4, 8):
-        assert common(number) == pytest.approx(common(1) / number, rel=1e-6)
-    assert common(9) == pytest.approx(common(8), rel=1e-6)
+        assert common(number, patch) == pytest.approx(common(1, patch) / number, rel=1e-3)
+    assert common(9, patch) == pytest.approx(common(8, patch), rel=1e-6)
 
 
-def test_bridges_are_less_certain_towards_their_middle(
-    seen: Callable, straight: Callable, registered: Callable
-) -> None:
+def test_a_point_that_fewer_views_saw_is_less_certain(seen: Callable, straight: Callable, registered: Callable) -> None:
     hidden = (X > 0.04) & (X < 0.06)
-    sigma, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0)
-    np.testing.assert_allclose(sigma[~hidden], MIN_SIGMA_M, rtol=1e-9, atol=0)
-    # Between given ends and directions, a spline of density q leaves a line by q x^3 (L - x)^3 / 3 L^3 at x, in both
-    # directions across. Directions are those of the last visible links, whose middles are half a step outside the gap.
-    x, length = X[hidden] - X[hidden][0] + 1.5 * 0.7 * R, np.ptp(X[hidden]) + 3 * 0.7 * R
-    spread = 1.5 * STRAIGHT_DENSITY / R * x**3 * (length - x) ** 3 / (3 * length**3)
-    np.testing.assert_allclose(sigma[hidden] ** 2 - MIN_SIGMA_M**2, spread, rtol=0.1, atol=0)
-    middle = hidden.sum() // 2
-    assert (np.diff(sigma[hidden][: middle + 1]) > 0).all()
-    # The fit beside a bridge is uncertain in position and direction, and so is the bridge.
-    noisy, _ = point_uncertainty(strand(hidden), registered(views(seen, straight, 0.11), 0.0), 0.0003)
-    assert (noisy[hidden] > sigma[hidden]).all()
-
-
-def test_bridges_of_strings_that_bend_more_are_less_certain() -> None:
-    hidden = (X > 0.04) & (X < 0.06)
-    turn = X / (10 * R)
-    arc = np.column_stack([10 * R * np.sin(turn), 10 * R * (1 - np.cos(turn)), np.full_like(X, R)])
-    bent = replace(strand(hidden), points=arc)
-    assert bending_density(bent, 0.7 * R) == pytest.approx(BEND_LENGTH_RADII * R / (10 * R) ** 2 / 2, rel=0.02)
-    fit_variance = np.full(len(X), 1e-12)
-    grown = hidden_variance(bent, fit_variance) / hidden_variance(strand(hidden), fit_variance)
-    np.testing.assert_allclose(grown, BEND_LENGTH_RADII / 200 / STRAIGHT_DENSITY, rtol=0.05, atol=0)
-
-
-def test_a_hidden_end_is_less_certain_than_a_bridge_and_a_ring_has_no_ends() -> None:
-    fit_variance = np.full(len(X), 1e-10)
-    first = np.arange(len(X)) < 6
-    end = hidden_variance(strand(first), fit_variance)
-    assert (np.diff(end) < 0).all()
-    assert end[0] > 20 * hidden_variance(strand(np.roll(first, 10)), fit_variance).max()
-    angle = 2 * np.pi * np.arange(len(X)) / len(X)
-    circle = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(X))]) * 0.7 * R * len(X) / (2 * np.pi)
-    rings = [replace(strand(np.roll(first, by)), points=np.roll(circle, by, axis=0), closed=True) for by in (-3, 10)]
-    across, within = (np.sort(hidden_variance(ring, fit_variance)) for ring in rings)
-    np.testing.assert_allclose(across, within, rtol=0.02, atol=0)
+    taken = registered(views(seen, straight, 0.11, *[0.05] * 7), 0.0)
+    clouds = tuple(replace(cloud, scatter=TableScatter(0.0, 0.0005)) for cloud in taken.clouds)
+    sigma, _ = point_uncertainty(strand(support=1e9), replace(taken, clouds=clouds), 0.0)
+    assert sigma[-3] == pytest.approx(np.sqrt(8) * sigma[3], rel=0.01)
+    # A hidden length is as uncertain as the visible lengths beside it, and more.
+    bridge, _ = point_uncertainty(strand(hidden, 1e9), replace(taken, clouds=clouds), 0.0)
+    assert (bridge[hidden] > 1.05 * sigma[3]).all()
+    assert (np.diff(bridge[hidden]) > 0).all()
 
 
 def test_a_strand_that_no_view_saw_is_finite(registered: Callable) -> None:
