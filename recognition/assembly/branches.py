@@ -13,8 +13,9 @@ from recognition.geometry.polyline import close_polyline, end_direction, points_
 from recognition.messages import format_position
 from recognition.model.chains import Chain, End
 from recognition.model.findings import Finding, finding
+from recognition.preprocessing.lines_of_sight import count_views
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.visible_gaps import STEP_RADII, count_views
+from recognition.refinement.visible_gaps import STEP_RADII
 
 MAX_GAP_RADII = 3.0
 """Maximum distance along the axis between an end and the side of a joined strand, in radii of the chain.

@@ -12,10 +12,11 @@ from recognition.model.chains import Chain
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, Which, finding
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.lines_of_sight import count_views
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.end_merging import MAX_FACING_COSINE
-from recognition.refinement.visible_gaps import STEP_RADII, count_views
+from recognition.refinement.visible_gaps import STEP_RADII
 
 DIRECTION_LENGTH_RADII = 2.0
 """Length of chain from which the direction of an end is measured, in radii."""

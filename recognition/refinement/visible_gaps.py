@@ -1,13 +1,13 @@
 """Visible gaps: places where the depth images show that no string is, because they measured what lies behind it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths
+from recognition.preprocessing.lines_of_sight import count_views
 from recognition.preprocessing.normals import NormalCloud
 from recognition.strand import Strand
 
@@ -15,21 +15,10 @@ Points = NDArray[np.float64]
 
 STEP_RADII = 0.25
 """Spacing of the examined points, in radii of the string."""
-BEHIND_RADII = 0.5
-"""Minimum distance of the measured point behind the axis, along the optical axis, in radii.
-
-The surface of a string is 1 radius or more before its axis, and the table 1 radius or more behind it.
-"""
-BEFORE_RADII = 2.5
-"""Distance before the axis, along the optical axis, up to which a measured point may lie on the string, in radii."""
-MIN_VIEWS = 3
-"""Minimum number of views that look through a free point. Two views may be wrong at the same few pixels."""
 MIN_EXTENT_VIEWS = 2
 """Minimum number of views that look through the points around a free point that belong to the same gap."""
 MIN_PART_RADII = 3.0
 """Minimum length of a part of a split strand, in radii. A shorter part shows no direction."""
-
-
 MAX_SUPPORT_SHARE = 0.5
 """Maximum mean number of surface points on the tube in a gap, as a share of the median along the strand.
 
@@ -38,54 +27,6 @@ past a string that is there; the share was 1 and more.
 """
 TUBE_RADII = (0.6, 1.35)
 """Range of the distances from the axis of surface on the tube, in radii."""
-
-
-@dataclass(frozen=True, eq=False)
-class ViewCounts:
-    """Numbers of views whose lines of sight to N points end behind the points, or at a string there.
-
-    Views in which another object hides the point, or which measured no depth there, count in neither number.
-    """
-
-    through: NDArray[np.int64]
-    """(N,) number of views that look through the point: their line of sight ends behind it."""
-    stopped: NDArray[np.int64]
-    """(N,) number of views whose line of sight ends where a string with its axis at the point would stop it."""
-
-    @property
-    def is_free(self) -> NDArray[np.bool_]:
-        """(N,) mask of the points at which no string is: half of the views look through them, and at least `MIN_VIEWS`.
-
-        Views along a string cannot look through a short gap, so they do not show that there is none.
-        """
-        return (self.through >= MIN_VIEWS) & (self.through >= self.stopped)
-
-
-def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewCounts:
-    """Count the views that look through each point, and those that a string with its axis there may have stopped.
-
-    Args:
-        points: (N, 3) points, metres, base frame.
-        r: Radius of the string, metres.
-        views: Registered views. Views without a depth image do not count.
-    """
-    through, stopped = np.zeros((2, len(points)), dtype=np.int64)
-    for view in views:
-        if view.image is None or view.T_base_camera is None:
-            continue
-        image, T = view.image, view.T_base_camera
-        in_camera = (points - T[:3, 3]) @ T[:3, :3]
-        is_ahead = in_camera[:, 2] > 0
-        pixels = in_camera @ image.K.T
-        columns, rows = np.rint(pixels[:, :2] / np.where(is_ahead, pixels[:, 2], 1.0)[:, None]).astype(np.int64).T
-        height, width = image.depth.shape
-        is_inside = is_ahead & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        depth = image.depth[rows[is_inside], columns[is_inside]] * image.depth_unit_m
-        behind = depth - in_camera[is_inside, 2]
-        is_through = behind > BEHIND_RADII * r
-        through[is_inside] += is_through
-        stopped[is_inside] += ~is_through & (depth > 0) & (behind > -BEFORE_RADII * r)
-    return ViewCounts(through, stopped)
 
 
 def split_at_visible_gaps(

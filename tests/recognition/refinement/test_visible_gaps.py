@@ -1,33 +1,18 @@
 """Gaps that the depth images show: lines of sight that pass the axis of a string and end behind it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from cell.planning.look_at import look_at
-from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
-from cell.simulation.scenes.clutter import Box
-from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length
+from recognition.preprocessing.lines_of_sight import MIN_VIEWS, count_views
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.visible_gaps import MIN_VIEWS, ViewCounts, count_views, split_at_visible_gaps
+from recognition.refinement.visible_gaps import split_at_visible_gaps
 from recognition.strand import Strand
+from tests.recognition.captured_strings import R, along_x, captured
 
-R = 0.0042
 RADII = np.array([R])
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """A depth image, as recognition reads it."""
-
-    depth: np.ndarray
-    depth_unit_m: float
-    K: np.ndarray
-    T_base_camera: np.ndarray
-    index: int
 
 
 def tube(curve: np.ndarray) -> np.ndarray:
@@ -46,51 +31,12 @@ def split(of: Strand, views: Sequence[NormalCloud], *curves: np.ndarray) -> list
     return split_at_visible_gaps([of], RADII, np.vstack([tube(curve) for curve in curves]), views)
 
 
-def captured(*curves: np.ndarray, boxes: tuple[Box, ...] = (), tilt_deg: float = 50) -> list[NormalCloud]:
-    """Return six views with the noise of a stereo camera at 0.5 m."""
-    camera = DepthCamera(camera_model("oak-d-pro"), StringScene("hand-made", R, curves, boxes))
-    clouds = []
-    for k in range(6):
-        T = look_at(np.zeros(3), np.radians(60 * k), np.radians(tilt_deg), 0.5, 0.0)
-        depth = camera.capture(T, np.random.default_rng(k))
-        image = Image(depth, camera.model.depth_unit_m, camera.model.K, T, k)
-        clouds.append(NormalCloud(k, np.empty((0, 3)), np.empty((0, 3)), np.eye(4), T, image))
-    return clouds
-
-
-def along_x(start: float, end: float) -> np.ndarray:
-    x = np.linspace(start, end, round((end - start) / 0.001) + 1)
-    return np.column_stack([x, np.zeros_like(x), np.full_like(x, R)])
-
-
 def strand(points: np.ndarray, closed: bool = False) -> Strand:
     return Strand(points, np.zeros(len(points), dtype=bool), closed)
 
 
 def with_gap(gap_radii: float) -> tuple[np.ndarray, np.ndarray]:
     return along_x(-0.1, -gap_radii * R / 2), along_x(gap_radii * R / 2, 0.1)
-
-
-def test_no_view_looks_through_a_string_and_all_look_through_free_space() -> None:
-    views = captured(along_x(-0.1, 0.1))
-    counts = count_views(along_x(-0.095, 0.095), R, views)
-    assert counts.through.max() == 0
-    assert counts.stopped.min() >= 4
-    beside = along_x(-0.1, 0.1) + [0.0, 6 * R, 0.0]
-    assert count_views(beside, R, views).through.min() >= 4
-    for none in (count_views(along_x(5.0, 6.0), R, views), count_views(beside, R, [])):
-        assert none.through.max() == none.stopped.max() == 0, "outside of all images, and without views"
-
-
-def test_a_point_that_an_object_hides_is_not_looked_through() -> None:
-    box = Box((0.0, 0.0), (0.12, 0.12, 0.03), 0.0)
-    counts = count_views(along_x(-0.03, 0.03), R, captured(along_x(-0.1, 0.1), boxes=(box,)))
-    assert counts.through.max() == counts.stopped.max() == 0
-
-
-def test_half_of_the_views_must_look_through_a_free_point() -> None:
-    counts = ViewCounts(through=np.array([2, 3, 3, 3, 0]), stopped=np.array([0, 0, 3, 4, 0]))
-    assert counts.is_free.tolist() == [False, True, True, False, False]
 
 
 @pytest.mark.parametrize("gap_radii", [1.0, 2.0, 4.0])
