@@ -252,8 +252,8 @@ def recognise(
 
         timer.begin("topology")
         assembly = assemble_fitted_chains(strings.passes, registration, occlusion_map, scene, parameters, support)
-        crossings = find_fitted_crossings(assembly.chains)
         connections = connection_findings(strings.ambiguous, assembly.chains)
+        crossings = find_fitted_crossings(assembly.chains, connections)
     else:
         linked = link_segments(method, centre_line.points, parameters)
 

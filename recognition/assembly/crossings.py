@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import expit, ndtr
 
 from recognition.geometry.intersections import Intersection, find_intersections, planar_cross
 from recognition.geometry.polyline import arc_length, close_polyline, points_at
 from recognition.messages import format_position
 from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, ChainInterpolator, Crossing, StrandPoint
+from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
@@ -76,19 +77,21 @@ def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], para
         confidence = float(ndtr(gap / (np.sqrt(2) * HEIGHT_SIGMA_M)))
         crossings.append(_make_crossing(intersection, number, heights, confidence))
         if confidence < MIN_CERTAIN_CONFIDENCE:
-            findings.append(_uncertain_crossing(crossings[-1], is_contradicted=False))
+            findings.append(_uncertain_crossing(crossings[-1], *_reason(gap)))
     return CrossingSet(tuple(crossings), tuple(findings))
 
 
-def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
+def find_fitted_crossings(chains: Sequence[Chain], connections: Sequence[Finding] = ()) -> CrossingSet:
     """Return the crossings of fitted chains. The fitted centre lines give the heights of the chains.
 
     The chain with the higher centre line is over. The confidence of a crossing follows from the height difference and
     the sigmas of the two chains. It is at most `MAX_UNDECIDED_CONFIDENCE` if the crossing is flat. The same limit
-    applies if views saw the under chain at the crossing but no view saw the over chain.
+    applies if views saw the under chain at the crossing but no view saw the over chain. Where both chains may be
+    connected differently, the crossing is right only if they are connected right.
 
     Args:
         chains: Fitted chains with `sigma_m` and `views`.
+        connections: Doubts about connections of the chains, as `connection_findings` returns them.
 
     Returns:
         The crossings, and findings on uncertain crossings. Grazing contacts are excluded.
@@ -108,10 +111,32 @@ def find_fitted_crossings(chains: Sequence[Chain]) -> CrossingSet:
         contradicted = views_over < 0.5 <= views_under
         if contradicted or _is_flat(intersection, chains):
             confidence = min(confidence, MAX_UNDECIDED_CONFIDENCE)
+        connected = max(
+            _connection_confidence(chains[chain], s, connections)
+            for chain, s in zip(intersection.strands, intersection.s_m, strict=True)
+        )
+        reason = _reason(gap, contradicted, is_connection=connected < confidence)
+        confidence = min(confidence, connected)
         crossings.append(_make_crossing(intersection, len(crossings), heights, confidence))
         if confidence < MIN_CERTAIN_CONFIDENCE:
-            findings.append(_uncertain_crossing(crossings[-1], contradicted))
+            findings.append(_uncertain_crossing(crossings[-1], *reason))
     return CrossingSet(tuple(crossings), tuple(findings))
+
+
+def _connection_confidence(chain: Chain, s_m: float, connections: Sequence[Finding]) -> float:
+    """Return the probability that the chain is connected right at the arc length `s_m`, metres, 0.5 to 1.
+
+    The margin of a connection is the difference of two costs in squared sigmas, twice the logarithm of the odds.
+    """
+    margins = [
+        found.value
+        for found in connections
+        if found.value is not None
+        and found.s_range_m is not None
+        and found.chains == (chain.id,)
+        and any(found.s_range_m[0] <= s <= found.s_range_m[1] for s in (s_m, s_m + chain.length_m))
+    ]
+    return float(expit(min(margins) / 2)) if margins else 1.0
 
 
 def _make_crossing(
@@ -143,13 +168,23 @@ def _angle_rad(intersection: Intersection) -> float:
     return float(np.arctan2(abs(float(planar_cross(a, b))), abs(a @ b)))
 
 
-def _uncertain_crossing(crossing: Crossing, is_contradicted: bool) -> Finding:
-    """Return the finding on a crossing with a low confidence. `is_contradicted`: by the views that saw its strands."""
+def _reason(gap_m: float, is_contradicted: bool = False, is_connection: bool = False) -> tuple[FindingCode, str]:
+    """Return the code of the finding on an uncertain crossing, and the reason that its message gives.
+
+    Args:
+        gap_m: Difference of the heights of the two strands, metres.
+        is_contradicted: Whether the views that saw the strands contradict the heights.
+        is_connection: Whether the strands may be connected differently.
+    """
+    if is_connection:
+        return "crossing-undecided", "the strands there may be connected differently"
     if is_contradicted:
-        code, reason = "upper-strand-unseen", "the upper strand was not seen there"
-    else:
-        code = "crossing-undecided"
-        reason = f"the heights of the strands differ by only {crossing.gap_m * 1000:.1f} mm"
+        return "upper-strand-unseen", "the upper strand was not seen there"
+    return "crossing-undecided", f"the heights of the strands differ by only {gap_m * 1000:.1f} mm"
+
+
+def _uncertain_crossing(crossing: Crossing, code: FindingCode, reason: str) -> Finding:
+    """Return the finding on a crossing with a low confidence, for a reason that `_reason` gives."""
     position = format_position(crossing.point)
     return finding(
         code,

@@ -25,7 +25,9 @@ class JoiningCurves:
     """(M,) integral of the squared curvature over the length of each curve, 1/m."""
 
 
-def joining_curves(start: Points, leaving: Points, end: Points, arriving: Points) -> JoiningCurves:
+def joining_curves(
+    start: Points, leaving: Points, end: Points, arriving: Points, fullness: float = 1.0
+) -> JoiningCurves:
     """Return the curves that leave one end and arrive at the other one with little bending energy.
 
     The curves are cubic. Their tangents are as long as those of an arc that turns by the sum of both angles with the
@@ -36,6 +38,7 @@ def joining_curves(start: Points, leaving: Points, end: Points, arriving: Points
         leaving: (M, 3) unit directions of the curves at the first ends.
         end: (M, 3) positions of the second ends, metres.
         arriving: (M, 3) unit directions of the curves at the second ends.
+        fullness: Length of the tangents, relative to those of the arc. A smaller value gives narrower curves.
 
     Returns:
         The curves.
@@ -46,7 +49,7 @@ def joining_curves(start: Points, leaving: Points, end: Points, arriving: Points
     chord = end - start
     turn = np.clip(angles_between(leaving, chord) + angles_between(arriving, chord), 0.01, 4.5)
     # An arc that turns by phi over the chord c is nearly a cubic with tangents of 2 c tan(phi / 4) / sin(phi / 2).
-    scale = 2 * np.tan(turn / 4) / np.sin(np.minimum(turn, 2.6) / 2) * np.linalg.norm(chord, axis=1)
+    scale = fullness * 2 * np.tan(turn / 4) / np.sin(np.minimum(turn, 2.6) / 2) * np.linalg.norm(chord, axis=1)
     t = np.linspace(0, 1, N_SAMPLES)[None, :, None]
     tangents = scale[:, None] * leaving, scale[:, None] * arriving
     points = (

@@ -114,7 +114,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "crossing-undecided": FindingType(
         severity="doubt",
         scope="crossing",
-        meaning="The heights of the two strands differ too little to decide which strand is over.",
+        meaning="The heights of the two strands differ too little to decide which strand is over, or both strands may "
+        "be connected differently there.",
         action="Do not pull there. Scan again from more views, or ask a person.",
         decision="scan again",
         value="confidence of the crossing, 0.5 to 1",

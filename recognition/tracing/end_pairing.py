@@ -12,6 +12,7 @@ from recognition.parameters import ChainParameters
 from recognition.tracing.fragments import Fragment
 from recognition.tracing.hidden_bends import HiddenBends, find_hidden_bends
 from recognition.tracing.occlusion_map import OcclusionMap
+from recognition.tracing.visible_strings import VisibleStrings
 
 END_FIT_RADII = 5.0
 """Length of the part of a fragment that is fitted to get the direction and curvature of its end, in radii r."""
@@ -38,6 +39,13 @@ A gap is visible where no strand occludes it. A string in a visible gap would ha
 """
 FREE_VISIBLE_GAP_RADII = 3.0
 """Visible length of a gap without additional cost, in radii r."""
+ALONG_COST_PER_RADIUS = 1.0
+"""Additional cost per radius r of a gap that runs along a visible string, beyond `FREE_ALONG_RADII`.
+
+A strand that crosses another one is hidden. A strand along another one lies beside it and is visible.
+"""
+FREE_ALONG_RADII = 3.0
+"""Length of a gap along a visible string without additional cost, in radii r. Fragments may overlap by as much."""
 MAX_BARE_GAP_RADII = 1.0
 """Maximum length of bare table in a gap, in radii r. Noise causes shorter holes. Bare table cannot hide a string."""
 MIN_CERTAIN_MARGIN = 2.0
@@ -134,8 +142,9 @@ def pair_ends(
         return Pairing(ends, [], [])
     occluded_share = _occluded_share_ahead(ends, occlusion_map, parameters.r)
     a, b = _candidate_pairs(ends, fragments, parameters.r)
-    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, parameters.r)
-    bends = find_hidden_bends(ends.fragment, fragments, occlusion_map, parameters.r, table_z_m)
+    strings = VisibleStrings(fragments, occlusion_map.surface, parameters.r, table_z_m)
+    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, strings, parameters.r)
+    bends = find_hidden_bends(ends.fragment, fragments, strings, occlusion_map, parameters.r)
     a, b, cost, bend_of_pair, conflicts = _with_bends(a, b, cost, bends)
     single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * np.maximum(occluded_share, bends.is_hidden_ahead)
     gain = single_cost[a] + single_cost[b] - cost
@@ -254,7 +263,12 @@ def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: f
 
 
 def _gap_cost(
-    ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], occlusion_map: OcclusionMap, r: float
+    ends: FragmentEnds,
+    a: NDArray[np.int64],
+    b: NDArray[np.int64],
+    occlusion_map: OcclusionMap,
+    strings: VisibleStrings,
+    r: float,
 ) -> NDArray[np.float64]:
     """Return the cost (M,) of the gap of each pair. `a` (M,) and `b` (M,) are the end indices of the pairs.
 
@@ -275,6 +289,8 @@ def _gap_cost(
     bare_share = occlusion.is_uncovered.reshape(len(a), -1).mean(axis=1)
     visible_radii = np.maximum((1 - occluded_share) * gap / r - FREE_VISIBLE_GAP_RADII, 0.0)
     cost = GAP_COST_PER_RADIUS * gap / r + VISIBLE_GAP_COST_PER_RADIUS * visible_radii
+    along_radii = strings.length_along(curve, np.column_stack([a, b]), ends.fragment) / r
+    cost += ALONG_COST_PER_RADIUS * np.maximum(along_radii - FREE_ALONG_RADII, 0.0)
     return np.where(bare_share * gap > MAX_BARE_GAP_RADII * r, np.inf, cost)
 
 

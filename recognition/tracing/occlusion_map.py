@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.preprocessing.lines_of_sight import ViewCounts, count_views
 from recognition.preprocessing.normals import NormalCloud
 
 MIN_ABOVE_RADII = 1.5
@@ -65,6 +66,10 @@ class OcclusionMap:
         is_occluded = np.bincount(row, is_high, len(points)) > MIN_OCCLUDED_SHARE * np.maximum(counts, 1)
         is_hidden = self._is_hidden(points, r)
         return Occlusion(is_occluded | is_hidden, is_uncovered=(counts == 0) & ~is_hidden)
+
+    def views_through(self, points: NDArray[np.float64], r: float) -> ViewCounts:
+        """Return how many views look through points (N, 3) of a centre line, and how many a string may have stopped."""
+        return count_views(points, r, self._views)
 
     def _is_hidden(self, points: NDArray[np.float64], r: float) -> NDArray[np.bool_]:
         """Return the mask (N,) of the points that every view measured something before. Without views, it is False."""

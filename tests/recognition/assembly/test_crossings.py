@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from recognition.assembly.crossings import CrossingSet, find_crossings, find_fitted_crossings
 from recognition.model.chains import MIN_CERTAIN_CONFIDENCE, Chain, Crossing
-from recognition.model.findings import Finding
+from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.strand import Strand
 
@@ -292,6 +292,30 @@ def test_a_strand_that_was_seen_is_not_certainly_under_one_that_was_not() -> Non
     assert crossing.confidence <= 0.6
     assert_names_crossing(unseen, "upper-strand-unseen", crossing)
     assert "the upper strand was not seen there" in unseen.message
+
+
+@pytest.mark.parametrize(("uncertain", "expected"), [((0, 1), 0.53), ((0,), 1.0), ((1,), 1.0)])
+def test_a_crossing_of_chains_that_may_be_connected_differently_is_undecided(
+    uncertain: tuple[int, ...], expected: float
+) -> None:
+    chains = [fitted_towards(0, 0, R), fitted_towards(1, 90, 3 * R)]
+    margins = {0: 0.25, 1: 0.12}
+
+    def doubts(middle_m: float) -> list[Finding]:
+        part = (middle_m - 0.01, middle_m + 0.01)
+        return [
+            finding("connection-uncertain", "?", chains=(k,), s_range_m=part, value=margins[k], limit=2.0)
+            for k in uncertain
+        ]
+
+    at = chains[0].length_m * 41 / 103
+    found = find_fitted_crossings(chains, doubts(at))
+    # Odds of exp(0.25 / 2) for the more certain one of both connections.
+    assert found.crossings[0].confidence == pytest.approx(expected, abs=0.005)
+    assert [f.code for f in found.findings] == (["crossing-undecided"] if expected < 1 else [])
+    assert all("connected differently" in f.message for f in found.findings)
+    elsewhere = find_fitted_crossings(chains, doubts(at + 0.03))
+    assert elsewhere.crossings[0].confidence > 0.999
 
 
 def test_a_grazing_contact_is_no_crossing(straight: Callable) -> None:

@@ -22,3 +22,14 @@ def test_the_crossings_of_curves_are_found() -> None:
     assert crosses.tolist() == [True, False]
     np.testing.assert_allclose((on_one[0], on_other[0]), [(0.25, 0.25, 0.25), (0.25, 0.25, 0)], rtol=0, atol=1e-9)
     assert len(first_crossings(np.empty((0, 6, 3)), np.empty((0, 6, 3)))[0]) == 0
+
+
+def test_shorter_tangents_give_narrower_curves_of_more_energy() -> None:
+    # A half circle of radius 1 bulges by 1. The cubic with the tangents of an arc exceeds it by 4 %.
+    start, end = np.zeros((1, 3)), np.array([[0.0, 2.0, 0.0]])
+    x = np.array([[1.0, 0.0, 0.0]])
+    arc, narrow = (joining_curves(start, x, end, -x, fullness) for fullness in (1.0, 0.6))
+    assert arc.points[0, :, 0].max() == pytest.approx(1.0, abs=0.05)
+    assert narrow.points[0, :, 0].max() == pytest.approx(0.6, abs=0.05)
+    assert narrow.length[0] < arc.length[0]
+    assert narrow.energy[0] > arc.energy[0]

@@ -183,3 +183,16 @@ def test_pairs_do_not_depend_on_pose_order_or_direction(
         frozenset({2, 3}),
         frozenset({4, 5}),
     }
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0])
+def test_a_string_is_not_hidden_along_another_string(straight: Callable, seen: Callable, degrees: float) -> None:
+    # The gap of 12 r is hidden: under six strings side by side, or along one of them.
+    parts = [straight((-0.08, 0, R), (-6 * R, 0, R)), straight((6 * R, 0, R), (0.08, 0, R))]
+    turn = np.radians(degrees)
+    x, y = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
+    reach, beside = (5.8 * R, (0,)) if degrees == 0.0 else (0.05, (-5, -3, -1, 1, 3, 5))
+    over = [straight(k * R * y - reach * x + (0, 0, 3 * R), k * R * y + reach * x + (0, 0, 3 * R)) for k in beside]
+    surface, _ = seen([*parts, *over])
+    found = pair_ends([fragment(curve) for curve in (*parts, *over)], OcclusionMap(surface), PARAMETERS)
+    assert (frozenset({0, 1}) in paired_fragments(found)) is (degrees == 90.0)

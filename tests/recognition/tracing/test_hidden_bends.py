@@ -83,3 +83,34 @@ def test_two_strands_cross_under_a_strand_only_if_there_is_room(
     found = pair_ends([*map(fragment, (*parts, over))], OcclusionMap(surface), PARAMETERS)
     straight_on, bent = {frozenset({0, 3}), frozenset({1, 2})}, {frozenset({0, 1}), frozenset({2, 3})}
     assert paired_fragments(found) == (straight_on if crossed else bent)
+
+
+@pytest.mark.parametrize("is_measured", [True, False])
+def test_a_bight_lies_under_two_strands_if_its_middle_is_measured(
+    straight: Callable, seen: Callable, is_measured: bool
+) -> None:
+    # As in a square knot: a half turn, 6 r wide, begins and ends under two strands. Only its middle is visible.
+    legs = [straight((-0.05, y * R, R), (-1.5 * R, y * R, R)) for y in (3, -3)]
+    over = [straight((0.3 * R, y * 1.8 * R, 3 * R), (0.3 * R, y * 0.05, 3 * R)) for y in (1, -1)]
+    turn = np.radians(np.arange(60, -61, -5))
+    middle = np.column_stack([3 * R * np.cos(turn), 3 * R * np.sin(turn), np.full(len(turn), R)])
+    surface, _ = seen([*over, *legs, *([middle] if is_measured else [])])
+    found = pair_ends([*map(fragment, (*legs, *over))], OcclusionMap(surface), PARAMETERS)
+    assert (frozenset({0, 1}) in paired_fragments(found)) is is_measured
+
+
+@pytest.mark.parametrize("is_touched", [True, False])
+def test_a_fragment_that_breaks_in_a_visible_bend_goes_on_only_around_another_strand(
+    straight: Callable, seen: Callable, is_touched: bool
+) -> None:
+    # A bend of 70 degrees with a radius of 1.5 r, too tight for links. A strand alone does not bend so sharply.
+    turn = np.radians(np.arange(0, 71, 2))
+    bend = 1.5 * R * np.column_stack([np.sin(turn), 1 - np.cos(turn)])
+    bend = np.column_stack([bend, np.full(len(bend), R)])
+    after = bend[-1] + np.linspace(0, 0.05, 100)[:, None] * (np.cos(turn[-1]), np.sin(turn[-1]), 0.0)
+    before = straight((-0.05, 0, R), (0, 0, R))
+    inside = straight((-R, 2 * R, R), (-R, 0.05, R))
+    curves = [before, after, *([inside] if is_touched else [])]
+    surface, _ = seen([before, bend, after, *curves[2:]])
+    found = pair_ends([*map(fragment, curves)], OcclusionMap(surface), PARAMETERS)
+    assert (frozenset({0, 1}) in paired_fragments(found)) is is_touched
