@@ -114,8 +114,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "crossing-undecided": FindingType(
         severity="doubt",
         scope="crossing",
-        meaning="The heights of the two strands differ too little to decide which strand is over, or both strands may "
-        "be connected differently there.",
+        meaning="Which strand is over is uncertain: the heights differ too little, or both may connect differently.",
         action="Do not pull there. Scan again from more views, or ask a person.",
         decision="scan again",
         value="confidence of the crossing, 0.5 to 1",
