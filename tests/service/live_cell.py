@@ -5,6 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cell.camera.camera import LiveCamera
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
@@ -86,6 +88,13 @@ class LiveCell:
         answer = self.client.post("/api/cell/connect")
         assert answer.status_code == 200, answer.text
         assert answer.json()["state"] == "ready"
+
+
+def release_used(request: pytest.FixtureRequest) -> None:
+    """Release the arm of each cell that a test has used."""
+    for used in request.node.funcargs.values():
+        if isinstance(used, LiveCell):
+            used.release()
 
 
 def view_states(scan: dict[str, Any]) -> dict[int, str]:

@@ -1,7 +1,6 @@
 """Lines extended or cut to where the depth images show the end of the string."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -17,21 +16,11 @@ from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.end_in_images import localise_end_in_images, other_strand_tree
+from tests.recognition.captured_strings import Image
 
 R = 0.0042
 STEP = 0.7 * R
 DISTANCE_M = 0.6
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """A depth image, as recognition reads it."""
-
-    depth: np.ndarray
-    depth_unit_m: float
-    K: np.ndarray
-    T_base_camera: np.ndarray
-    index: int
 
 
 def straight(start: tuple[float, float], end: tuple[float, float], z: float = R) -> np.ndarray:

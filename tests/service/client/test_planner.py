@@ -10,7 +10,7 @@ import pytest
 
 from pointchain_client import AsyncClient, Client, Grasp, Model, ScanFailedError, ScanProgress
 from tests.service.conftest import PATIENCE_S, Serve
-from tests.service.live_cell import LiveCell, live_cell
+from tests.service.live_cell import LiveCell, live_cell, release_used
 
 pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
 
@@ -22,11 +22,9 @@ SHORT_GRIPPER = {"length_m": 0.07}
 
 @pytest.fixture(autouse=True)
 def _arms_are_released(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Release the arm of the cell that a test has used: the cells of this module run side by side until its end."""
+    """The cells of this module run side by side until its end."""
     yield
-    for used in request.node.funcargs.values():
-        if isinstance(used, LiveCell):
-            used.release()
+    release_used(request)
 
 
 @pytest.fixture(scope="module")
