@@ -42,10 +42,10 @@ class ScanPlanner:
     def prepare(self, views: Views | None, T_flange_camera: NDArray[np.float64]) -> None:
         """Lay the groundwork of a plan in a thread, unless it is kept from an earlier plan.
 
-        The arguments are those of `plan`.
+        The arguments are those of `plan`. The process ends after this thread: NumPy aborts a process that ends while
+        another thread computes.
         """
-        thread = threading.Thread(target=self._prepare, args=(views, T_flange_camera), name="planning", daemon=True)
-        thread.start()
+        threading.Thread(target=self._prepare, args=(views, T_flange_camera), name="planning").start()
 
     def _prepare(self, views: Views | None, T_flange_camera: NDArray[np.float64]) -> None:
         with contextlib.suppress(ViewpointsError), self._lock:  # the plan raises the error again

@@ -1,5 +1,7 @@
 """A plan uses the groundwork that is laid in advance."""
 
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -39,3 +41,20 @@ def test_an_error_of_the_groundwork_is_raised_by_the_plan() -> None:
     for _ in range(2):
         with pytest.raises(ViewpointsError, match=r"home_q_rad in \[arm\] is not free"):
             planner.plan(None, T_FLANGE_CAMERA, None)
+
+
+END_WHILE_LAYING = """
+import atexit
+import numpy as np
+from cell.config.cell_config import CellSettings
+from cell.control.scan_planner import ScanPlanner
+from cell.planning import groundwork
+atexit.register(lambda: print(groundwork._kept_groundwork.cache_info().currsize))
+ScanPlanner(CellSettings()).prepare(None, np.eye(4))
+"""
+
+
+def test_a_process_ends_after_the_groundwork() -> None:
+    # NumPy aborts a process that ends while it computes in another thread
+    ended = subprocess.run([sys.executable, "-c", END_WHILE_LAYING], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (0, "1\n"), ended.stderr

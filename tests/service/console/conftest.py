@@ -135,6 +135,7 @@ def open_console(chromium: Browser) -> Iterator[Open]:
 
     yield open_page
     for one in opened:
+        one.page.unroute_all(behavior="ignoreErrors")  # a handler may wait for an answer that no longer comes
         one.page.context.close()
     for one in opened:
         one.check()
