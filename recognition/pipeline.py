@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.assembly.branches import mark_branches
-from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, unobserved_end_findings
+from recognition.assembly.chain_ends import (
+    mark_touching_ends,
+    mark_unobserved_ends,
+    mark_unseen_ends,
+    unobserved_end_findings,
+)
 from recognition.assembly.chains import assemble_fitted_chains
 from recognition.assembly.connections import connection_findings
 from recognition.assembly.crossings import find_crossings, find_fitted_crossings
@@ -36,7 +41,8 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasping import Grasping, plan_grasps
 from recognition.grasping.gripper import Gripper
-from recognition.model.findings import finding, most_serious_first
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters, check_settings
@@ -267,9 +273,7 @@ def recognise(
 
     surface = support.remove_from(registration.points, assembly.chains, parameters)
     unexplained = find_unexplained_surface(surface, assembly.chains, parameters)
-    chains = mark_unobserved_ends(assembly.chains, unexplained, parameters)
-    chains, touching = mark_touching_ends(chains, registration.clouds)
-    chains, branches = mark_branches(chains, registration.clouds)
+    chains, contacts = _mark_ends(assembly.chains, unexplained, registration.clouds, parameters)
     findings = (
         *(() if measured else other_radius_findings(ingested.views, scene, parameters, chains, assembly.findings)),
         *crossings.findings,
@@ -277,8 +281,7 @@ def recognise(
         *sharp_bend_findings(chains),
         *assembly.findings,
         *possible_object_findings(unexplained, chains, parameters),
-        *touching,
-        *branches,
+        *contacts,
         *unobserved_end_findings(chains, scene, parameters),
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
@@ -324,6 +327,23 @@ def recognise(
             grasping=grasping,
         )
     )
+
+
+def _mark_ends(
+    chains: Sequence[Chain],
+    unexplained: Sequence[NDArray[np.float64]],
+    views: Sequence[NormalCloud],
+    parameters: ChainParameters,
+) -> tuple[tuple[Chain, ...], list[Finding]]:
+    """Mark the ends at which the string may continue, or which may be joined to another strand.
+
+    Returns:
+        The chains with the marked ends, and the findings on ends that may be joined.
+    """
+    chains = mark_unobserved_ends(chains, unexplained, parameters)
+    chains, touching = mark_touching_ends(chains, views)
+    chains, branches = mark_branches(chains, views)
+    return mark_unseen_ends(chains, views, parameters), [*touching, *branches]
 
 
 def _check_request(method: str, settings: Mapping[str, float]) -> None:

@@ -4,7 +4,12 @@ The input is the fitted strands, the registered surface and the scene. The outpu
 counts and ends, the crossings, the surface that belongs to no chain, and the findings on all of them.
 """
 
-from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, unobserved_end_findings
+from recognition.assembly.chain_ends import (
+    mark_touching_ends,
+    mark_unobserved_ends,
+    mark_unseen_ends,
+    unobserved_end_findings,
+)
 from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains
 from recognition.assembly.connections import connection_findings
 from recognition.assembly.crossings import CrossingSet, find_crossings, find_fitted_crossings
@@ -27,6 +32,7 @@ __all__ = [
     "find_unexplained_surface",
     "mark_touching_ends",
     "mark_unobserved_ends",
+    "mark_unseen_ends",
     "possible_object_findings",
     "sharp_bend_findings",
     "unexplained_findings",

@@ -12,7 +12,7 @@ from recognition.model.chains import Chain
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, Which, finding
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.lines_of_sight import count_views
+from recognition.preprocessing.lines_of_sight import MIN_VIEWS, count_views
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.end_merging import MAX_FACING_COSINE
@@ -29,6 +29,8 @@ MAX_FACING_GAP_RADII = 1.5
 
 Two whole strings that lie end to end have a larger gap because their ends are round, or they are recognised as one.
 """
+MAX_AHEAD_RADII = 3.0
+"""Distance ahead of an end, in radii, within which the views must see free space. Mixed pixels surround an end."""
 END_PART_RADII = 5.0
 """Length of the part of a chain that a finding on its end concerns, in radii."""
 WHICH: tuple[Which, Which] = ("first", "last")
@@ -101,6 +103,33 @@ def _is_gap_visible(a: NDArray[np.float64], b: NDArray[np.float64], r: float, vi
     """Return whether half of the views look through a point of the straight line between two ends (3,)."""
     between = np.linspace(a, b, max(int(np.linalg.norm(b - a) / (STEP_RADII * r)), 1) + 1)
     return bool(count_views(between, r, views).is_free.any())
+
+
+def mark_unseen_ends(
+    chains: Sequence[Chain], views: Sequence[NormalCloud], parameters: ChainParameters
+) -> tuple[Chain, ...]:
+    """Mark a `free` end as `unobserved` if the views look through no point ahead of it.
+
+    A string also seems to end where its depth is missing or too noisy. The end of a string is observed only if the
+    views show free space where the string would continue: at least `MIN_VIEWS`, or all views of a scan with fewer.
+
+    Args:
+        chains: Chains of the model.
+        views: Registered views. Without depth images, the chains are unchanged.
+        parameters: Method parameters; uses the radius r. A chain thicker than r uses its own radius.
+    """
+    ends = [(k, at) for k, chain in enumerate(chains) for at in (0, 1) if chain.ends[at] == "free" and not chain.closed]
+    kinds = [list(chain.ends) for chain in chains]
+    for k, at in ends:
+        line, r = chains[k].points[:: -1 if at else 1], max(chains[k].radius_m, parameters.r)
+        outward = end_direction(line, DIRECTION_LENGTH_RADII * r) * (1.0, 1.0, 0.0)
+        distances = np.arange(STEP_RADII, MAX_AHEAD_RADII + STEP_RADII / 2, STEP_RADII) * r
+        ahead = line[0] + distances[:, None] * (outward / max(float(np.linalg.norm(outward)), 1e-12))
+        counts = count_views(ahead, r, views)
+        is_free = (counts.through >= min(MIN_VIEWS, counts.views)) & (counts.through >= counts.stopped)
+        if not is_free.any():
+            kinds[k][at] = "unobserved"
+    return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True))
 
 
 def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:

@@ -146,7 +146,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "end-unobserved": FindingType(
         severity="doubt",
         scope="part",
-        meaning="The end is hidden, or something that is in no chain lies ahead of it. The string may continue there.",
+        meaning="No view looks into free space ahead of the end, or something in no chain lies there. It may continue.",
         action="Do not pull the string out at this end. Scan again, or remove what hides the end.",
         decision="scan again",
     ),

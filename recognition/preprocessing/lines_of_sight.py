@@ -32,6 +32,8 @@ class ViewCounts:
     """(N,) number of views that look through the point: their line of sight ends behind it."""
     stopped: NDArray[np.int64]
     """(N,) number of views whose line of sight ends where a string with its axis at the point would stop it."""
+    views: int
+    """Number of views with a depth image."""
 
     @property
     def is_free(self) -> NDArray[np.bool_]:
@@ -51,9 +53,11 @@ def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewC
         views: Registered views. Views without a depth image do not count.
     """
     through, stopped = np.zeros((2, len(points)), dtype=np.int64)
+    count = 0
     for view in views:
         if view.image is None or view.T_base_camera is None:
             continue
+        count += 1
         image, T = view.image, view.T_base_camera
         in_camera = (points - T[:3, 3]) @ T[:3, :3]
         is_ahead = in_camera[:, 2] > 0
@@ -66,4 +70,4 @@ def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewC
         is_through = behind > BEHIND_RADII * r
         through[is_inside] += is_through
         stopped[is_inside] += ~is_through & (depth > 0) & (behind > -BEFORE_RADII * r)
-    return ViewCounts(through, stopped)
+    return ViewCounts(through, stopped, count)

@@ -14,12 +14,14 @@ from recognition.assembly.chain_ends import (
     MAX_FACING_GAP_RADII,
     mark_touching_ends,
     mark_unobserved_ends,
+    mark_unseen_ends,
     unobserved_end_findings,
 )
 from recognition.model.chains import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from tests.recognition.captured_strings import captured
 
 pytestmark = pytest.mark.slow
 
@@ -142,6 +144,30 @@ def test_other_ends_are_unchanged(other: NDArray[np.float64]) -> None:
     chains, findings = mark_touching_ends([numbered_chain(0, along_x(0.0, 0.1)), numbered_chain(1, other)])
     assert [one.ends for one in chains] == [("free", "free")] * 2
     assert findings == []
+
+
+def test_an_end_is_free_only_if_free_space_is_seen_ahead_of_it(table_1: ChainParameters) -> None:
+    views = captured(line((0, 0), (150, 0)))
+    # the string goes on at the last end of the chain, as after a gap in the measurement
+    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
+    assert mark_unseen_ends([ALONG_X], views[:1], table_1)[0].ends == ("free", "unobserved")
+    assert mark_unseen_ends([ALONG_X], [], table_1)[0].ends == ("free", "free"), "without depth images"
+    touching = replace(ALONG_X, ends=("free", "touching"))
+    assert mark_unseen_ends([touching], views, table_1)[0].ends == ("free", "touching")
+    ring = replace(ALONG_X, closed=True)
+    assert mark_unseen_ends([ring], views, table_1)[0].ends == ("free", "free")
+
+
+def test_an_end_is_unobserved_where_no_depth_was_measured_ahead_of_it(table_1: ChainParameters) -> None:
+    views = captured(ALONG_X.points)
+    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "free")
+    for view in views:
+        assert view.image is not None
+        rows, columns = np.indices(view.image.depth.shape)
+        ahead = (np.array([0.11, 0.0, R]) - view.image.T_base_camera[:3, 3]) @ view.image.T_base_camera[:3, :3]
+        column, row = (ahead @ view.image.K.T)[:2] / ahead[2]
+        view.image.depth[np.hypot(rows - row, columns - column) < 30] = 0  # 30 pixels are about 18 mm
+    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
 
 
 def test_no_chains_and_closed_chains_have_no_touching_ends() -> None:

@@ -25,5 +25,5 @@ def test_a_point_that_an_object_hides_is_not_looked_through() -> None:
 
 
 def test_half_of_the_views_must_look_through_a_free_point() -> None:
-    counts = ViewCounts(through=np.array([2, 3, 3, 3, 0]), stopped=np.array([0, 0, 3, 4, 0]))
-    assert counts.is_free.tolist() == [False, True, True, False, False]
+    through, stopped = np.array([2, 3, 3, 3, 0]), np.array([0, 0, 3, 4, 0])
+    assert ViewCounts(through, stopped, views=8).is_free.tolist() == [False, True, True, False, False]
