@@ -13,7 +13,7 @@ from typing import get_args
 
 from cell.arm.dashboard import Dashboard, connected
 from cell.arm.robot_modes import mode_error
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.devices import ArmInfo, RobotMode, SafetyMode
 from cell.errors import CellError, RobotNotReadyError, RobotUnreachableError
 

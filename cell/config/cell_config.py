@@ -9,7 +9,8 @@ from typing import Annotated, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, field_validator, model_validator
 
-from cell.config.arm_config import BASE_RADIUS_M, SimulatedArm, URArm
+from cell.config.arm_config import SimulatedArm, URArm
+from cell.config.arm_models import BASE_RADIUS_M
 from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.gripper_config import GripperSettings
 from cell.config.scan_views import MAX_VIEWPOINTS, MIN_VIEWPOINTS, Views, count_viewpoints, parse_views

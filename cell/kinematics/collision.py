@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.arm_config import BASE_RADIUS_M, ArmModelName
+from cell.config.arm_models import BASE_RADIUS_M, ArmModelName
 from cell.config.cell_config import CellSettings
 from cell.kinematics.capsule_distance import box_distances, segment_distances
 from cell.kinematics.ur_kinematics import ARMS, link_frames

@@ -6,7 +6,7 @@ A moveJ follows a straight line in joint space. Its speed is that of the leading
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics.ur_kinematics import ARMS, flange_speeds, joint_speeds
 
 _STEP_RAD = 0.05

@@ -13,7 +13,7 @@ from ik_geo.ik_geo import Robot
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 
 JOINT_LIMIT_RAD = 2.0 * np.pi
 """Largest angle of every joint in both directions ..."""
@@ -61,17 +61,24 @@ ARMS: dict[ArmModelName, ArmModel] = {
     ),
 }
 
-# At degenerate poses, such as usual home poses, the solver drops solutions. Poses beside them have all solutions, and
-# Newton steps lead back. A stretched arm needs larger offsets.
-_NUDGES = [
-    (from_rotation_vector(size * shift, size * turn), from_rotation_vector(-size * shift, -size * turn))
-    for size, shift, turn in (
-        (1e-7, np.array([0.3, -0.7, 0.4]), np.array([1.0, 2.0, -1.5])),
-        (1e-6, np.array([-0.2, 0.3, -1.0]), np.array([-2.0, 1.0, 1.0])),
-        (1e-6, np.array([1.0, 0.2, 0.1]), np.array([0.5, -0.3, 2.0])),
-        (1e-6, np.array([0.1, 1.0, 0.2]), np.array([0.5, 0.2, -0.1])),
-    )
-]
+
+@cache
+def _nudges() -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return small displacements with their inverses.
+
+    At degenerate poses, such as usual home poses, the solver drops solutions. Poses beside them have all solutions, and
+    Newton steps lead back. A stretched arm needs larger offsets. They are made at the first use, because that imports
+    SciPy: a process that needs only the forward kinematics starts in half the time.
+    """
+    return [
+        (from_rotation_vector(size * shift, size * turn), from_rotation_vector(-size * shift, -size * turn))
+        for size, shift, turn in (
+            (1e-7, np.array([0.3, -0.7, 0.4]), np.array([1.0, 2.0, -1.5])),
+            (1e-6, np.array([-0.2, 0.3, -1.0]), np.array([-2.0, 1.0, 1.0])),
+            (1e-6, np.array([1.0, 0.2, 0.1]), np.array([0.5, -0.3, 2.0])),
+            (1e-6, np.array([0.1, 1.0, 0.2]), np.array([0.5, 0.2, -0.1])),
+        )
+    ]
 
 
 def joint_limits(model: ArmModelName) -> NDArray[np.float64]:
@@ -208,7 +215,7 @@ def inverse_each(
 def _solutions(model: ArmModelName, T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return joint angles (N, 6) that reach a pose beside `T`."""
     solver, R_straight = _solver(model)
-    for nudges in _NUDGES:
+    for nudges in _nudges():
         beside = [T @ nudge for nudge in nudges]
         # the solver reads nested lists column by column
         asked = [((pose[:3, :3] @ R_straight.T).T.tolist(), pose[:3, 3].tolist()) for pose in beside]

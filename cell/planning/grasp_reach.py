@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.config.cell_config import CellSettings
 from cell.kinematics.collision import PARTS, CollisionModel, grasp_collision_model
 from cell.kinematics.ik_branches import MIN_SINGULAR_VALUE, OUT_OF_REACH, SINGULAR, TOO_NEAR, USED_LIMIT_RAD

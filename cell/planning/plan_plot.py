@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse, transform_points
-from cell.config.arm_config import BASE_RADIUS_M
+from cell.config.arm_models import BASE_RADIUS_M
 from cell.config.camera_optics import CameraOptics
 from cell.config.cell_config import CellSettings
 from cell.kinematics.collision import CollisionModel, collision_model

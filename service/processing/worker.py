@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
@@ -33,6 +34,8 @@ from service.signals import block_sigint_for_children
 
 log = logging.getLogger(__name__)
 
+CONTEXT: SpawnContext | ForkServerContext = multiprocessing.get_context("spawn")
+"""Starts the process. A fork of this process would copy the locks that its threads hold."""
 START_TIMEOUT_S = 60.0
 """Timeout for the process to become ready. It is killed after that."""
 PREVIEW_TIMEOUT_S = 20.0
@@ -65,6 +68,7 @@ class RecognitionWorker:
 
     def __init__(self) -> None:
         """Create the handle; no process is started before `start` or `prepare`."""
+        self._context = CONTEXT
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._starting = threading.Lock()
@@ -188,10 +192,9 @@ class RecognitionWorker:
             return
         self._not_ready_reason = "recognition is starting"
         self._release()
-        context = multiprocessing.get_context("spawn")
         try:
-            self._pipe, child_pipe = context.Pipe()
-            process = context.Process(
+            self._pipe, child_pipe = self._context.Pipe()
+            process = self._context.Process(
                 target=run_process, args=(child_pipe, child_logging_setup()), name="recognition", daemon=True
             )
             with child_pipe, self._starting, block_sigint_for_children():

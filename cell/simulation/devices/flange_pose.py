@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 
 READ_HZ = 125.0
 """Rate at which a controller other than the virtual controller sends its joint angles, hertz."""

@@ -24,7 +24,7 @@ class FrameSource:
 
     def __init__(self, world: SimulatedWorld) -> None:
         """Prepare the scene of the world for ray casting."""
-        _import_open3d()
+        import_open3d()
         self.world = world
         self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed)
         self._depth_rng = np.random.default_rng([world.seed, _EXPOSURE_STREAM])
@@ -84,7 +84,7 @@ class FrameSource:
         return np.random.default_rng([self.world.seed, stream, *map(int, position)])
 
 
-def _import_open3d() -> None:
+def import_open3d() -> None:
     """Import open3d without its plotly module, which takes three quarters of the import time."""
     plots = ModuleType("open3d.visualization.draw_plotly")
     plots.__getattr__ = lambda name: None  # `open3d.visualization` imports names from this module.

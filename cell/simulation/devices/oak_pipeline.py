@@ -17,7 +17,7 @@ from cell.config.camera_config import SimulatedCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraLostError, CameraUnreachableError
 from cell.simulation.devices.flange_pose import PoseSource
-from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.frame_source import FrameSource, import_open3d
 from cell.simulation.devices.world import SimulatedWorld
 
 log = logging.getLogger(__name__)
@@ -148,6 +148,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     Raises:
         CameraUnreachableError: The flange pose cannot be read.
     """
+    import_open3d()  # before depthai: after it, the import of open3d takes three times as long
     load()
     import depthai as dai
 

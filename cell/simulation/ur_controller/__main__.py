@@ -48,7 +48,7 @@ def main() -> int:
         print(json.dumps({"error": reason}), flush=True)
         return 1
 
-    # imported only now, so that an address in use is reported before the imports of scipy
+    # imported only now, so that an address in use is reported before the slow imports
     from cell.kinematics.ur_kinematics import ARMS
     from cell.simulation.ur_controller.controller import HOME_Q_RAD, ControllerOptions, serve
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.config.arm_config import ArmModelName, simulated_serial
+from cell.config.arm_models import ArmModelName, simulated_serial
 from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.robot import Robot

@@ -14,7 +14,7 @@ from cell.process.python_process import end_process, start_python
 from cell.simulation.ur_controller.admin_client import AdminClient
 
 if TYPE_CHECKING:
-    from cell.config.arm_config import ArmModelName
+    from cell.config.arm_models import ArmModelName
 
 START_S = 60.0
 """Timeout of the start. Python and numpy take seconds on a busy machine."""

@@ -6,7 +6,7 @@ They have the workspace, the table, the obstacles, the shape of the arm, and set
 import numpy as np
 
 from calibration.storage.hand_eye_file import HandEye
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.config.cell_config import ScanViews
 from cell.config.gripper_config import GripperSettings
 from cell.kinematics.collision import collision_model

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics.speed_cap import capped_speed, max_flange_travel
 from cell.kinematics.ur_kinematics import joint_speeds, link_frames
 

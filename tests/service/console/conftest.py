@@ -46,8 +46,8 @@ def chromium_path() -> str | None:
     return os.environ.get("CHROMIUM_PATH") or next(filter(None, installed), None)
 
 
-# The scope is a module: while Playwright is open, nothing else in this thread can run an event loop.
-@pytest.fixture(scope="module")
+# The scope is this package: while Playwright is open, nothing else in this thread can run an event loop.
+@pytest.fixture(scope="package")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     """The browser. Without one, its tests are skipped; in continuous integration they fail."""
     path = chromium_path()
@@ -135,7 +135,8 @@ def open_console(chromium: Browser) -> Iterator[Open]:
 
     yield open_page
     for one in opened:
-        one.page.unroute_all(behavior="ignoreErrors")  # a handler may wait for an answer that no longer comes
+        if not one.page.is_closed():
+            one.page.unroute_all(behavior="ignoreErrors")  # a handler may wait for an answer that no longer comes
         one.page.context.close()
     for one in opened:
         one.check()
@@ -158,9 +159,9 @@ class Cell:
         self.live.is_well()
 
 
-@pytest.fixture(scope="module")
-def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
-    """A cell that all tests of a module share, slow enough to catch in motion. Each test leaves it ready to scan."""
+@pytest.fixture(scope="package")
+def shared_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """A cell that all tests of the console share, slow enough to catch in motion."""
     data = tmp_path_factory.mktemp("cell")
     tokens: dict[Role, str] = {role: add_token(data, f"an-{role}", role) for role in ROLES}
     with live_cell(serve, data, time_factor=5.0) as live:
@@ -169,6 +170,13 @@ def cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cel
 
 
 @pytest.fixture(scope="module")
+def cell(shared_cell: Cell) -> Iterator[Cell]:
+    """The shared cell. Each test leaves it ready to scan. Its arm is released after the tests of a module."""
+    yield shared_cell
+    shared_cell.live.release()
+
+
+@pytest.fixture(scope="package")
 def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
     """A service with one scan, whose string has one crossing."""
     file = tmp_path_factory.mktemp("recording") / "eight.mcap"

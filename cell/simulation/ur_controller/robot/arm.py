@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.trajectories import REST, Braking, Joints, Motion

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.trajectories import Joints
 

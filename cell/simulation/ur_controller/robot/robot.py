@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.robot.arm import HANDOVER_RAD_S2, PROTECTIVE_RAD_S2, Arm, Goal, UnreachableGoalError
 from cell.simulation.ur_controller.robot.event_log import EventLog

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.trajectories import Joints
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.simulation.ur_controller.robot.arm import Goal, UnreachableGoalError
 from cell.simulation.ur_controller.robot.poses import line_steps, pose_matrix, pose_vector
 from cell.simulation.ur_controller.robot.tcp import Tool

@@ -11,6 +11,7 @@ import pytest
 from cell.arm.ur_arm import UrArm
 from cell.config.arm_config import SimulatedArm
 from cell.kinematics import ur_kinematics
+from cell.process.python_process import start_python
 from cell.simulation.kinematic_error import KinematicError
 from cell.simulation.ur_controller.admin_client import AdminClient, AdminRefusedError, ControllerGoneError
 from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
@@ -119,3 +120,9 @@ def test_only_the_reported_pose_has_a_smooth_error():
     expected = KinematicError(0.0006, 0.0026, 5).apply(nominal)
     np.testing.assert_allclose(reported, expected, atol=1e-9)
     assert np.linalg.norm(reported[:3, 3] - nominal[:3, 3]) > 1e-4
+
+
+def test_the_controller_starts_without_slow_imports() -> None:
+    program = "import sys, cell.simulation.ur_controller.controller; print({'pydantic', 'scipy'} & set(sys.modules))"
+    with start_python("-c", program, stdout=subprocess.PIPE) as process:
+        assert process.communicate()[0] == b"set()\n"

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from calibration.geometry.transforms import from_rotation_vector
-from cell.config.arm_config import ArmModelName
+from cell.config.arm_models import ArmModelName
 from cell.kinematics import ur_kinematics
 from cell.simulation.ur_controller.robot.poses import line_steps, nearest_solution, pose_matrix, pose_vector, twist
 

@@ -7,7 +7,7 @@ import time
 import pytest
 from universal_robots_clients import dashboard_client
 
-from cell.config.arm_config import simulated_serial
+from cell.config.arm_models import simulated_serial
 from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.simulation.ur_controller.cell_log import LogSince, wait_for
 

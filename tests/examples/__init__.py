@@ -1,0 +1,1 @@
+"""Tests of the examples. Two cells are shared by all of them."""
