@@ -66,7 +66,8 @@ def _depth_variance(
         scatter_m: Standard deviation of the surface points about the tubes, metres. It replaces an unknown scatter of
             the patches.
     """
-    patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds])) or scatter_m
+    known = [cloud.scatter.patch_m for cloud in registration.clouds if cloud.scatter.patch_m is not None]
+    patch_m = float(np.median(known)) if known else scatter_m
     seen, n = np.flatnonzero(views), len(views)
     if not len(seen):
         return np.full(n, 3 * patch_m**2)

@@ -85,7 +85,7 @@ def test_slow_errors_of_the_depth_are_averaged_over_the_views_only(
 ) -> None:
     scatter, patch = 0.0003, 0.0005
 
-    def common(number: int, patch_m: float = 0.0) -> float:
+    def common(number: int, patch_m: float | None = None) -> float:
         taken = registered(views(seen, straight, *[0.11] * number), 0.0)
         clouds = tuple(replace(cloud, scatter=TableScatter(0.0, patch_m)) for cloud in taken.clouds)
         sigma, _ = point_uncertainty(strand(support=1e12), replace(taken, clouds=clouds), scatter)
@@ -95,6 +95,8 @@ def test_slow_errors_of_the_depth_are_averaged_over_the_views_only(
     # direction counts. Without enough table, the scatter of the string replaces that of the patches.
     assert common(1, patch) == pytest.approx(3 * patch**2, rel=0.01)
     assert common(1) == pytest.approx(3 * scatter**2, rel=0.01)
+    # Patches whose pixels are independent are no unknown patches.
+    assert common(1, 0.0) == MIN_SIGMA_M**2
     for number in (2, 4, 8):
         assert common(number, patch) == pytest.approx(common(1, patch) / number, rel=1e-3)
     assert common(9, patch) == pytest.approx(common(8, patch), rel=1e-6)
