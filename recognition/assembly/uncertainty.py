@@ -19,6 +19,12 @@ MIN_VIEW_POINTS = 2
 SYSTEMATIC_VIEWS = 8
 """Maximum number of views that average the slow error of the depth. Further views do not, because stereo errors repeat
 with the disparity."""
+DEPTH_FACTOR = 1.8
+"""Variance of a string in one view, in variances of a patch of the table that is as wide as the string.
+
+An error that the whole width shares moves the string by as much along the line of sight. Errors of narrower areas at
+the position x across a string of width 2 are weighted by 1 - x^2 upwards and by x (1 - x^2)^(1/2) sideways in the fit
+of a tube. Both give 6/5 of the variance of the patch. This is the larger result; half of one direction is added."""
 MIN_SIGMA_M = 0.0001
 """Lower limit of sigma, metres. No scan shows the errors of the lens that are common to all views."""
 
@@ -54,10 +60,9 @@ def _depth_variance(
 ) -> NDArray[np.float64]:
     """Return the variances (N,) across the string that slow errors of the depth cause at each point, metres squared.
 
-    Stereo errors are correlated over more than a radius, so the average over the surface beside a point hardly reduces
-    them, but the average over the views does. The scatter of patches of the table measures them. A displacement of a
-    string moves its surface along the normals by half of its square on average, so the variance in each direction is
-    twice that of a patch. At hidden points, the number of views is that of the visible ones beside them.
+    Stereo errors are correlated over about a radius, so the average over the surface beside a point hardly reduces
+    them, but the average over the views does. The scatter of patches of the table measures them. At hidden points, the
+    number of views is that of the visible ones beside them.
 
     Args:
         strand: Fitted strand with N points.
@@ -66,12 +71,13 @@ def _depth_variance(
         scatter_m: Standard deviation of the surface points about the tubes, metres. It replaces an unknown scatter of
             the patches.
     """
-    patch_m = float(np.median([cloud.scatter.patch_m for cloud in registration.clouds])) or scatter_m
+    known = [cloud.scatter.patch_m for cloud in registration.clouds if cloud.scatter.patch_m is not None]
+    patch_m = float(np.median(known)) if known else scatter_m
     seen, n = np.flatnonzero(views), len(views)
     if not len(seen):
-        return np.full(n, 3 * patch_m**2)
+        return np.full(n, DEPTH_FACTOR * patch_m**2)
     near = np.interp(np.arange(n), seen, views[seen], period=n if strand.closed else None)
-    return np.asarray(3 * patch_m**2 / np.minimum(near, SYSTEMATIC_VIEWS), dtype=np.float64)
+    return np.asarray(DEPTH_FACTOR * patch_m**2 / np.minimum(near, SYSTEMATIC_VIEWS), dtype=np.float64)
 
 
 def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray[np.int64]:

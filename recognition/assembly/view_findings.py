@@ -118,7 +118,7 @@ def noise_findings(registration: Registration, parameters: ChainParameters) -> l
         "from patch to patch": max_scatter_m(parameters),
         "from pixel to pixel": parameters.z_t / THRESHOLD_SIGMAS,
     }
-    scatter = [(cloud.scatter.patch_m, cloud.scatter.pixel_m) for cloud in registration.clouds]
+    scatter = [(cloud.scatter.patch_m or 0.0, cloud.scatter.pixel_m) for cloud in registration.clouds]
     for noise_m, (kind, limit_m) in zip(np.median(scatter, axis=0), limits.items(), strict=True):
         if noise_m > limit_m:
             message = (

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.plane_fit import mode_sigma
+from recognition.preprocessing.plane_fit import clipped_sigma, mode_sigma
 
 MAX_POINTS = 1000
 """Maximum number of points in the fit of the plane. It is robust, so this is enough."""
@@ -18,10 +18,14 @@ RANGE_RADII = 4.0
 """Maximum distance of a table point from the nominal table, as a multiple of the height threshold z_t."""
 MIN_TABLE_POINTS = 100
 """Minimum number of table points. With fewer, the scatter is unknown and counts as zero."""
-CELL_ROW = 1_000_003
-"""Factor of x in the number of a cell, more than the number of cells along y."""
-MIN_CELLS = 30
-"""Minimum number of cells for the error of a patch."""
+PATCHES = 400
+"""Approximate number of patches of an image in which the correlation of neighbouring pixels is measured."""
+PATCH_PIXELS = 16
+"""Maximum number of pixels of a patch that are read."""
+MIN_PATCH_SHARE = 0.75
+"""Minimum share of the pixels of a patch that are on the table. Other patches do not count."""
+MIN_PATCHES = 30
+"""Minimum number of patches. With fewer, the error of a patch is unknown."""
 DIFFERENCE_SIGMAS = 3.0
 """Minimum string radius, in sigmas of the difference between two depths. With more noise, two views can differ by the
 radius although nothing moved."""
@@ -40,9 +44,9 @@ class TableScatter:
 
     pixel_m: float = 0.0
     """Standard deviation of the height of single pixels about the table plane, metres; 0 if unknown."""
-    patch_m: float = 0.0
-    """Standard deviation of the mean height of cells of edge length 2 r, metres; 0 if unknown. Averaging over pixels
-    does not reduce it."""
+    patch_m: float | None = None
+    """Standard deviation of the mean height of patches of edge length 2 r, metres, without the part that is independent
+    in each pixel; None if unknown. Averaging over pixels does not reduce it."""
 
 
 def max_scatter_m(parameters: ChainParameters) -> float:
@@ -50,8 +54,29 @@ def max_scatter_m(parameters: ChainParameters) -> float:
     return parameters.r / (DIFFERENCE_SIGMAS * float(np.sqrt(2)))
 
 
+def patch_pixels(shape: tuple[int, ...], edge_px: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows and columns (M, n) of the pixels of patches that are spread evenly over an image.
+
+    The pixels of a patch are a random sample, so their distances are those of all its pixels on average.
+
+    Args:
+        shape: Height and width of the image, pixels.
+        edge_px: Edge length of a patch, pixels.
+    """
+    edge = int(np.clip(np.rint(edge_px), 2, min(shape)))
+    step = max(int(np.sqrt(shape[0] * shape[1] / PATCHES)), 1)
+    corners = np.mgrid[: shape[0] - edge + 1 : step, : shape[1] - edge + 1 : step].reshape(2, -1, 1)
+    chosen = np.random.default_rng(0).choice(edge**2, min(edge**2, PATCH_PIXELS), replace=False)
+    rows, columns = corners + np.array(np.divmod(chosen, edge))[:, None]
+    return rows, columns
+
+
 def table_scatter(
-    points: NDArray[np.float64], table_z_m: float, parameters: ChainParameters, is_aligned: bool
+    points: NDArray[np.float64],
+    patches: NDArray[np.float64],
+    table_z_m: float,
+    parameters: ChainParameters,
+    is_aligned: bool,
 ) -> TableScatter:
     """Return the scatter of the table in one view.
 
@@ -60,34 +85,50 @@ def table_scatter(
 
     Args:
         points: (N, 3) evenly spread points of the view in the workspace, base frame, metres.
+        patches: (M, n, 3) points of neighbouring pixels in patches of edge length 2 r, not a number where nothing in
+            the workspace is measured.
         table_z_m: Height of the table plane, metres, base frame.
-        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        parameters: Method parameters; uses the height threshold z_t.
         is_aligned: Whether the points are aligned to the table plane.
     """
-    points = points[np.abs(points[:, 2] - table_z_m) < RANGE_RADII * parameters.z_t]
+    range_m = RANGE_RADII * parameters.z_t
+    points = points[np.abs(points[:, 2] - table_z_m) < range_m]
     if len(points) < MIN_TABLE_POINTS:
         return TableScatter()
-    residual = points[:, 2] - (table_z_m if is_aligned else _fit_plane(points))
-    x, y = np.floor(points[:, :2] / (2 * parameters.r)).astype(np.int64).T
-    _, cell, count = np.unique(x * CELL_ROW + y, return_inverse=True, return_counts=True)
-    means = np.bincount(cell, residual) / count
-    # The mean of a cell also has the independent part of the errors of its pixels.
-    within = np.bincount(cell, residual**2) / count - means**2
-    is_full = count >= max(np.median(count), 2)
-    patch_m = 0.0
-    if is_full.sum() >= MIN_CELLS:
-        independent = np.median(within[is_full] / (count[is_full] - 1))
-        patch_m = float(np.sqrt(max(mode_sigma(means[is_full]) ** 2 - independent, 0.0)))
-    return TableScatter(mode_sigma(residual), patch_m)
+    plane = np.array([0.0, 0.0, table_z_m]) if is_aligned else _fit_plane(points)
+    is_table = np.abs(patches[..., 2] - table_z_m) < range_m
+    return TableScatter(
+        mode_sigma(_heights(points, plane)), _patch_sigma(np.where(is_table, _heights(patches, plane), np.nan))
+    )
+
+
+def _patch_sigma(heights: NDArray[np.float64]) -> float | None:
+    """Return the standard deviation of the mean of each patch (M, n), metres, or None if there are too few patches."""
+    measured = np.isfinite(heights)
+    count = measured.sum(axis=1)
+    enough = count >= max(MIN_PATCH_SHARE * heights.shape[1], 2)
+    if enough.sum() < MIN_PATCHES:
+        return None
+    heights, measured, count = heights[enough], measured[enough], count[enough]
+    mean = np.nansum(heights, axis=1) / count
+    # The mean of a patch also has the independent part of the errors of its pixels.
+    within = np.where(measured, heights - mean[:, None], 0.0)
+    independent = float(np.median((within**2).sum(axis=1) / ((count - 1) * count)))
+    return float(np.sqrt(max(clipped_sigma(mean) ** 2 - independent, 0.0)))
+
+
+def _heights(points: NDArray[np.float64], plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the heights (...,) of points (..., 3) above a plane (slope along x, slope along y, height), metres."""
+    return np.asarray(points[..., 2] - points[..., :2] @ plane[:2] - plane[2], dtype=np.float64)
 
 
 def _fit_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the height (N,) of the plane of least absolute deviations at each point (N, 3)."""
-    A = np.column_stack([points[:, :2] - points[:, :2].mean(axis=0), np.ones(len(points))])
-    chosen = slice(None, None, -(-len(points) // MAX_POINTS))
-    B, z = A[chosen], points[chosen, 2]
-    plane = np.array([0.0, 0.0, np.median(z)])
+    """Return the plane (slope along x, slope along y, height) of least absolute deviations from points (N, 3)."""
+    middle = points[:, :2].mean(axis=0)
+    chosen = points[:: -(-len(points) // MAX_POINTS)]
+    B, z = np.column_stack([chosen[:, :2] - middle, np.ones(len(chosen))]), chosen[:, 2]
+    plane = np.array([0.0, 0.0, np.median(points[:, 2])])
     for _ in range(FIT_PASSES):
         weight = 1 / np.maximum(np.abs(z - B @ plane), MIN_DEVIATION_M)
         plane = np.linalg.lstsq((B * weight[:, None]).T @ B, (B * weight[:, None]).T @ z, rcond=None)[0]
-    return np.asarray(A @ plane, dtype=np.float64)
+    return np.asarray(plane - (0.0, 0.0, plane[:2] @ middle), dtype=np.float64)

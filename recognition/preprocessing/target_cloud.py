@@ -11,7 +11,7 @@ from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.flying_pixels import is_on_surface
 from recognition.preprocessing.table_plane import SAMPLE_SIZE, table_alignment
-from recognition.preprocessing.table_scatter import TableScatter, max_scatter_m, table_scatter
+from recognition.preprocessing.table_scatter import TableScatter, max_scatter_m, patch_pixels, table_scatter
 
 FLOOR_MARGIN_M = 0.01
 """Margin below the floor of the workspace, metres. Noisy table points within the margin count as inside."""
@@ -144,7 +144,10 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     T_table_alignment = table_alignment(sample, scene.table_z_m, parameters)
     T_base_camera = T_table_alignment @ view.T_base_camera
     is_aligned = not np.array_equal(T_table_alignment, np.eye(4))
-    scatter = table_scatter(transform_points(T_table_alignment, sample), scene.table_z_m, parameters, is_aligned)
+    table_points = transform_points(T_table_alignment, sample)
+    distance = float(np.median(depth[rows[measured], columns[measured]])) if measured.any() else np.inf
+    patches = _patches(view, T_table_alignment, parameters, scene, distance)
+    scatter = table_scatter(table_points, patches, scene.table_z_m, parameters, is_aligned)
 
     points = _points_beyond(view, T_table_alignment, parameters, scene, 1)
     n_below = 0
@@ -184,6 +187,27 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
     z = view.depth[rows, columns] * view.depth_unit_m
     T = view.T_base_camera
     return (T[:3, :3] @ np.linalg.inv(view.K) @ (z[:, None] * pixels).T).T + T[:3, 3]
+
+
+def _patches(
+    view: DepthView,
+    T_table_alignment: NDArray[np.float64],
+    parameters: ChainParameters,
+    scene: Scene,
+    distance: float,
+) -> NDArray[np.float64]:
+    """Return points (M, n, 3) of patches as wide as a string, not a number where nothing in the workspace is measured.
+
+    The errors of neighbouring pixels are similar. An even sample of the image has too few pixels in a patch to show it.
+    `distance` is the usual depth in the image, in units of the view.
+    """
+    edge_px = 2 * parameters.r * float(view.K[0, 0]) / (distance * view.depth_unit_m)
+    rows, columns = patch_pixels(view.depth.shape, edge_px)
+    points = deproject(view, rows.ravel(), columns.ravel())
+    usable = (view.depth[rows, columns].ravel() > 0) & _is_in_workspace(points, scene)
+    points = transform_points(T_table_alignment, points)
+    points[~usable] = np.nan
+    return points.reshape(*rows.shape, 3)
 
 
 def _points_beyond(

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.assembly.uncertainty import MIN_SIGMA_M, point_uncertainty
+from recognition.assembly.uncertainty import DEPTH_FACTOR, MIN_SIGMA_M, point_uncertainty
 from recognition.preprocessing.table_scatter import TableScatter
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
@@ -85,19 +85,30 @@ def test_slow_errors_of_the_depth_are_averaged_over_the_views_only(
 ) -> None:
     scatter, patch = 0.0003, 0.0005
 
-    def common(number: int, patch_m: float = 0.0) -> float:
+    def common(number: int, patch_m: float | None = None) -> float:
         taken = registered(views(seen, straight, *[0.11] * number), 0.0)
         clouds = tuple(replace(cloud, scatter=TableScatter(0.0, patch_m)) for cloud in taken.clouds)
         sigma, _ = point_uncertainty(strand(support=1e12), replace(taken, clouds=clouds), scatter)
         return float(sigma[10] ** 2)
 
-    # The variance in each direction is twice that of a patch, because half of the normals show it. Half of the second
-    # direction counts. Without enough table, the scatter of the string replaces that of the patches.
-    assert common(1, patch) == pytest.approx(3 * patch**2, rel=0.01)
-    assert common(1) == pytest.approx(3 * scatter**2, rel=0.01)
+    # The variance in each direction is 6/5 of that of a patch (see below). Half of the second direction counts. Without
+    # enough table, the scatter of the string replaces that of the patches.
+    assert common(1, patch) == pytest.approx(1.8 * patch**2, rel=0.01)
+    assert common(1) == pytest.approx(1.8 * scatter**2, rel=0.01)
+    # Patches whose pixels are independent are no unknown patches.
+    assert common(1, 0.0) == MIN_SIGMA_M**2
     for number in (2, 4, 8):
         assert common(number, patch) == pytest.approx(common(1, patch) / number, rel=1e-3)
     assert common(9, patch) == pytest.approx(common(8, patch), rel=1e-6)
+
+
+def test_errors_of_narrow_areas_move_a_tube_by_six_fifths_of_a_patch() -> None:
+    # Depth errors along the vertical, each on 1/50 of the width. A tube is fitted to them along its normals.
+    x = (np.arange(50) + 0.5) / 25 - 1
+    normals = np.column_stack([x, np.sqrt(1 - x**2)])
+    errors = np.random.default_rng(0).standard_normal((20_000, 50))
+    moved = np.linalg.lstsq(normals, (errors * normals[:, 1]).T, rcond=None)[0]
+    np.testing.assert_allclose(moved.var(axis=1) / errors.mean(axis=1).var(), DEPTH_FACTOR / 1.5, rtol=0.03, atol=0)
 
 
 def test_a_point_that_fewer_views_saw_is_less_certain(seen: Callable, straight: Callable, registered: Callable) -> None:

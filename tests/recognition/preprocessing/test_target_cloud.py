@@ -1,5 +1,6 @@
 """Target point clouds of depth images."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -189,6 +190,25 @@ def noisy_table(noise_m: float) -> View:
     noise = np.random.default_rng(1).normal(0, noise_m, (60, 80)).repeat(4, axis=0).repeat(4, axis=1)
     K_fine = np.array([[400.0, 0.0, 160.0], [0.0, 400.0, 120.0], [0.0, 0.0, 1.0]])
     return View(7, np.round((0.5 + noise) / 1e-4).astype(np.uint16), 1e-4, K_fine, T_BASE_CAMERA, np.eye(4))
+
+
+@pytest.mark.parametrize("radius_m", [0.001, 0.0042])
+def test_errors_that_neighbouring_pixels_share_are_measured_for_any_radius(radius_m: float) -> None:
+    # A pixel has an edge of 1.25 mm on the table, and a block one of 5 mm. The even sample has every third pixel.
+    view = noisy_table(0.0005)
+    heights = (view.depth * view.depth_unit_m)[: 240 // 4 * 4]
+    edge = round(2 * radius_m / 0.00125)
+    means = np.lib.stride_tricks.sliding_window_view(heights, (edge, edge)).mean(axis=(2, 3))
+    scatter = preprocess(view, ChainParameters.for_radius(radius_m), Scene(0.0)).scatter
+    assert scatter.patch_m == pytest.approx(means.std(), rel=0.2)
+
+
+def test_errors_that_each_pixel_has_alone_are_not_in_patches(table_1: ChainParameters) -> None:
+    noise = np.random.default_rng(1).normal(0, 0.0005, (240, 320))
+    depth = np.round((0.5 + noise) / 1e-4).astype(np.uint16)
+    scatter = preprocess(replace(noisy_table(0.0), depth=depth), table_1, Scene(0.0)).scatter
+    assert scatter.patch_m is not None
+    assert scatter.patch_m < 0.0001
 
 
 def test_noise_gives_as_many_points_below_the_table_as_above(table_1: ChainParameters) -> None:

@@ -77,6 +77,30 @@ def test_the_mean_pose_is_as_good_as_its_covariance(
     assert (np.mean(assumed) > 1.5) == (share > 0)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.9])
+def test_larger_errors_than_given_are_in_the_covariance(
+    poses: list[np.ndarray], prior: PosePrior, aligned: Callable, share: float
+) -> None:
+    mean = np.tile(np.eye(6), (1, VIEWS))[3:5] / VIEWS
+    correlation = (1 - share) * np.eye(VIEWS) + share * pose_correlation(np.array(poses))
+    rng = np.random.default_rng(4)
+    sigmas = {}
+    for size in (0.5, 1.0, 2.0):
+        squares, variances = [], []
+        for _ in range(DRAWS // 3):
+            truth, state, information = aligned(rng, size**2 * correlation)
+            covariance = mean @ pose_covariance(state, information, prior, poses) @ mean.T
+            error = mean @ (state - truth)[:-N_SHARED]
+            squares.append(error @ np.linalg.solve(covariance, error) / 2)
+            variances.append(np.trace(covariance))
+        # Chi square of 100 degrees of freedom over 100: a standard deviation of 0.14.
+        assert np.mean(squares) < 1.4
+        sigmas[size] = np.sqrt(np.median(variances))
+    assert sigmas[2.0] > 1.3 * sigmas[1.0]
+    # Smaller errors than given do not reduce the covariance.
+    assert sigmas[0.5] > 0.9 * sigmas[1.0]
+
+
 def test_without_camera_poses_the_errors_are_independent(
     poses: list[np.ndarray], prior: PosePrior, aligned: Callable
 ) -> None:
