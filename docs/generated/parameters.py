@@ -62,7 +62,7 @@ that says why it has its value. Lengths are in radii.
 | directed nodes | `nodes.py` | `PCA_RADII` 1.5, `ALONG_RADII` 1.6, `ACROSS_SIGMA_RADII` 0.4, `N_PASSES` 3 |
 | fragments | `fragments.py` | `MAX_LINK_RADII` 2.2, `MIN_LINK_COSINE` 35 degrees, `MIN_MEDIAN_RHO` 0.66 |
 | pairing of the ends | `end_pairing.py` | `MAX_GAP_RADII` 14, `MIN_BEND_RADII` 2.5, `MIN_CERTAIN_MARGIN` 2 |
-| bends under strands | `hidden_bends.py`, `visible_strings.py` | `MAX_LENGTH_RADII` 9, `MIN_STACK_RADII` 4, `MIN_TUBE_SHARE` 0.88 |
+| bends under strands | `hidden_bends.py`, `visible_strings.py` | `MAX_LENGTH_RADII` 9, `MIN_TUBE_SHARE` 0.88 |
 | tube fit | `tube_fit.py`, `refinement.py` | `BEND_SIGMA_RADII` 1/38, `STEP_RADII` 0.7, `MAX_DEVIATION_SHARE` 0.12 |
 | string test | `string_classifier.py` | `MIN_LENGTH_RADII` 10, `MAX_ROUNDNESS_ERROR` 0.04, `MAX_SQUARENESS` 0.25 |
 | sigma | `uncertainty.py`, `fit_variance.py` | `SYSTEMATIC_VIEWS` 8, `MIN_SIGMA_M` 0.1 mm, `BEND_LENGTH_RADII` 2 |
