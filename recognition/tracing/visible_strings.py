@@ -15,14 +15,10 @@ BESIDE_RADII = 2.5
 """Maximum distance of the surface that is examined beside a fragment, in radii r."""
 ON_TUBE_RADII = 0.5
 """Maximum distance of surface from the tube of a fragment to which it belongs, in radii r."""
-SECTION_POINTS = 2
-"""Number of points in a section of a fragment."""
-TUBE_QUANTILE = 0.75
-"""Quantile of the sections' shares of surface on the tube that counts for a fragment."""
 MIN_TUBE_SHARE = 0.88
 """Minimum share of the surface beside a fragment that lies on its tube. Otherwise the fragment is no visible string.
 
-Fragments of strings have at least 0.93, also in tight knots. Edges and folds of objects continue as a surface.
+Fragments of strings have at least 0.9, also in tight knots. Edges and folds of objects continue as a surface.
 """
 OVER_RADII = 1.3
 """Maximum horizontal distance of a hidden point from the line of the strand that hides it, in radii r."""
@@ -157,28 +153,9 @@ class VisibleStrings:
 
 
 def _tube_shares(points: Points, fragment: Indices, surface: Points, r: float) -> NDArray[np.float64]:
-    """Return the share of the surface beside each fragment that lies on its tube, in its better sections.
-
-    A strand across a fragment covers some sections; an edge of an object continues as a surface in all of them.
-
-    Args:
-        points: (N, 3) points of the lines, `STEP_RADII` apart, metres, base frame.
-        fragment: (N,) fragment of each point, ascending.
-        surface: (M, 3) registered surface points, metres, base frame.
-        r: Radius of the string, metres.
-
-    Returns:
-        The quantile `TUBE_QUANTILE` of the shares of the sections of each fragment; 0 without surface.
-    """
+    """Return the share of the surface beside each fragment that lies on its tube, from the `points` of its line."""
     distance, nearest = KDTree(points).query(surface, distance_upper_bound=BESIDE_RADII * r)
     is_beside = np.isfinite(distance)
+    owner, count = fragment[np.asarray(nearest)[is_beside]], int(fragment[-1]) + 1
     is_on = np.abs(np.asarray(distance)[is_beside] - r) < ON_TUBE_RADII * r
-    first = np.flatnonzero(np.diff(fragment, prepend=-1))
-    section = (np.arange(len(points)) - first[fragment]) // SECTION_POINTS
-    starts = np.flatnonzero(np.diff(section, prepend=-1) | np.diff(fragment, prepend=-1))
-    section_of_point = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(points)))
-    beside = section_of_point[np.asarray(nearest)[is_beside]]
-    count = np.bincount(beside, minlength=len(starts))
-    share = np.bincount(beside, is_on, len(starts)) / np.maximum(count, 1)
-    measured = np.split(np.where(count > 0, share, np.nan), np.flatnonzero(np.diff(fragment[starts])) + 1)
-    return np.array([0.0 if np.isnan(own).all() else np.nanquantile(own, TUBE_QUANTILE) for own in measured])
+    return np.bincount(owner, is_on, count) / np.maximum(np.bincount(owner, minlength=count), 1)
