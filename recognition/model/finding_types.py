@@ -387,8 +387,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "single-view": FindingType(
         severity="note",
         scope="nothing",
-        meaning="The model rests on a single view. No other view checks its pose or shows what it hides.",
-        action="Nothing, if `sigma_m` is small enough. It holds only as long as the calibration is right: verify it.",
+        meaning="The model rests on a single view. No other view checks its pose, or the table height that was given.",
+        action="Nothing, if `sigma_m` is small enough. It holds only if calibration and table height are right.",
         decision="nothing",
     ),
     "depth-warp": FindingType(

@@ -67,9 +67,10 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
     crowded = [target for target in used if len(target.points) > CROWDED_SHARE * target.n_in_workspace]
     if len(crowded) > len(used) / 2:
         share = len(crowded[0].points) / crowded[0].n_in_workspace
+        others = ", and most other views show the same" if len(used) > 1 else ""
         raise TooCrowdedError(
-            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table, and most other "
-            "views show the same: check the table height and the workspace"
+            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table{others}: check "
+            "the table height and the workspace"
         )
     n_bare = len(measuring) - len(used) - len(noisy)
     if len(used) == 1 and n_bare:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.errors import DepthNoiseError, InsufficientViewsError, NoDepthError
+from recognition.errors import DepthNoiseError, InsufficientViewsError, NoDepthError, TooCrowdedError
 from recognition.preprocessing.table_scatter import TableScatter
 from recognition.preprocessing.target_cloud import TargetCloud
 from recognition.preprocessing.view_selection import MIN_POINTS, select_views
@@ -137,3 +137,13 @@ def test_few_noisy_views_are_excluded_and_many_are_refused() -> None:
 def test_a_noisy_view_says_nothing_about_the_string_of_a_single_view() -> None:
     """Unlike a view of a bare table, which contradicts it."""
     assert [view.view for view in select_views([target(0), noisy(1)]).used] == [0]
+
+
+def test_the_message_on_crowded_views_speaks_of_other_views_only_if_there_are_any() -> None:
+    crowded = [target(view, points=8900) for view in (0, 1)]
+    with pytest.raises(
+        TooCrowdedError, match=r"99% of what view 0 measured .*, and most other views show the same: check"
+    ):
+        select_views(crowded)
+    with pytest.raises(TooCrowdedError, match="99% of what view 0 measured in the workspace is above the table: check"):
+        select_views(crowded[:1])
