@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.polyline import end_direction
+from recognition.geometry.polyline import end_direction, unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.finding_types import FindingCode
@@ -119,13 +119,12 @@ def mark_unseen_ends(
         parameters: Method parameters; uses the radius r. A chain thicker than r uses its own radius.
     """
     ends = [(k, at) for k, chain in enumerate(chains) for at in (0, 1) if chain.ends[at] == "free" and not chain.closed]
+    distances = np.arange(STEP_RADII, MAX_AHEAD_RADII + STEP_RADII / 2, STEP_RADII)
     kinds = [list(chain.ends) for chain in chains]
     for k, at in ends:
         line, r = chains[k].points[:: -1 if at else 1], max(chains[k].radius_m, parameters.r)
-        outward = end_direction(line, DIRECTION_LENGTH_RADII * r) * (1.0, 1.0, 0.0)
-        distances = np.arange(STEP_RADII, MAX_AHEAD_RADII + STEP_RADII / 2, STEP_RADII) * r
-        ahead = line[0] + distances[:, None] * (outward / max(float(np.linalg.norm(outward)), 1e-12))
-        counts = count_views(ahead, r, views)
+        outward = unit_vectors(end_direction(line, DIRECTION_LENGTH_RADII * r) * (1.0, 1.0, 0.0))
+        counts = count_views(line[0] + r * distances[:, None] * outward, r, views)
         is_free = (counts.through >= min(MIN_VIEWS, counts.views)) & (counts.through >= counts.stopped)
         if not is_free.any():
             kinds[k][at] = "unobserved"

@@ -18,12 +18,9 @@ from recognition.registration.pose_prior import N_SHARED, PosePrior
 SMOOTH_SHARES = (0.0, 0.3, 0.6, 0.9)
 """Shares of the variance of the robot errors that change smoothly with the pose. Without a scan, all are equally
 probable. The rest is independent in each view: even an accurate arm has a repeatability."""
-
-
 SIZES = (0.5, 1.0, 2.0)
-"""Sizes of the robot errors, as multiples of the given standard deviations: published errors of three arms of one
-maker differ by these factors. Before a scan, the probability of a size is proportional to 1 / size, so that the mean
-variance is the given one."""
+"""Sizes of the robot errors, as multiples of the given standard deviations. Before a scan, the probability of a size is
+proportional to 1 / size, so that the mean variance is the given one."""
 MIN_WEIGHT = 1e-3
 """Weight below which a combination of a size and a share is left out."""
 
