@@ -148,10 +148,11 @@ def _branch_findings(contact: _Contact, chains: Sequence[Chain]) -> list[Finding
             "possible-branch",
             message,
             chains=(found.id,),
+            end=which,
             s_range_m=s_range_m,
             point=contact.point,
             value=contact.distance_m,
             limit=trunk.radius_m + MAX_GAP_RADII * chain.radius_m,
         )
-        for found, s_range_m in ((chain, at_end), (trunk, at_side))
+        for found, which, s_range_m in ((chain, WHICH[contact.at], at_end), (trunk, None, at_side))
     ]

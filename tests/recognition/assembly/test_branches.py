@@ -76,6 +76,8 @@ def test_an_end_before_a_side_may_be_joined(angle_deg: float, gap_radii: float) 
         ("possible-branch", "doubt", (1,)),
         ("possible-branch", "doubt", (0,)),
     ]
+    # the doubt about the trunk concerns its side, and so no end
+    assert [one.end for one in findings] == ["first", None]
     part = END_PART_RADII * R
     assert findings[0].s_range_m == pytest.approx((0.0, part))
     middle = 0.1 + R / np.tan(np.radians(angle_deg))
@@ -91,8 +93,9 @@ def test_an_end_before_a_side_may_be_joined(angle_deg: float, gap_radii: float) 
 def test_the_last_end_and_an_unobserved_end() -> None:
     other = branch(0.0, ends=("unobserved", "free"))
     turned = chain(1, other.points[::-1])
-    (_, found), _ = mark_branches([TRUNK, turned], [])
+    (_, found), findings = mark_branches([TRUNK, turned], [])
     assert found.ends == ("free", "touching")
+    assert [one.end for one in findings] == ["last", None]
     (_, found), findings = mark_branches([TRUNK, other], [])
     assert (found.ends, len(findings)) == (("unobserved", "free"), 2)
 
