@@ -26,11 +26,13 @@ from recognition.preprocessing.table_measurement import ViewPlane, measure_table
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
+from recognition.registration.given_table import GivenTableError, given_table_error
 from recognition.registration.measured_table import (
     MeasuredTable,
     MovedView,
     find_moved_table,
     is_near,
+    locate_table,
     refuse_doubtful_table,
 )
 from recognition.registration.registration import Registration
@@ -70,6 +72,8 @@ class IngestedViews:
     """(4, 4) motion that moves the given table to where the views were assumed to show it, metres."""
     moved_table: MeasuredTable | None = None
     """Where all views show the table, if it is not where it is given, else None."""
+    given_error: GivenTableError | None = None
+    """Error that the given table may have; None if the table was moved, or if no view shows it."""
     warp: DepthWarp | None = None
     """Slow depth error of the camera that was corrected, or None."""
     samples: Sequence[TableSample | None] = ()
@@ -169,7 +173,7 @@ def ingest_views(
 ) -> IngestedViews:
     """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
 
-    As soon as two views show the table where it is not given, all views are preprocessed with the table where it is.
+    As soon as the views show the table where it is not given, all views are preprocessed with the table where it is.
     As soon as the views show a warp of the camera, all views are preprocessed with corrected depth images.
 
     Args:
@@ -202,6 +206,7 @@ def ingest_views(
     table = find_moved_table(ingestion.planes, scene.table_z_m)
     if table is not None:
         refuse_doubtful_table(table, ingestion.planes)
+    seen = locate_table([plane for plane in ingestion.planes if plane is not None], scene.table_z_m)
     targets, clouds, crowded = ingestion.targets, ingestion.clouds, ingestion.crowded
     selection = select_views(targets)
     no_string_reason, excluded = None, selection.excluded
@@ -231,6 +236,7 @@ def ingest_views(
         planes=ingestion.planes,
         T_base_table=ingestion.T_base_table,
         moved_table=table,
+        given_error=None if table is not None or seen is None else given_table_error(seen),
         warp=ingestion.warp,
         samples=ingestion.samples,
     )

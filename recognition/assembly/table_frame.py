@@ -13,33 +13,66 @@ from recognition.model.findings import Finding, finding
 from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from recognition.preprocessing.height_map import HeightMap
+from recognition.registration.given_table import GivenTableError
 from recognition.registration.measured_table import MAX_SIGMA, MeasuredTable, describe_table
+from recognition.registration.pose_prior import given_pose_covariance
 from recognition.registration.registration import Registration, transform_cloud
 
+MIN_PROBABILITY = 0.5
+"""Minimum probability that the given table is off, for a note."""
 
-def table_findings(table: MeasuredTable | None, chains: Sequence[Chain]) -> list[Finding]:
-    """Return the doubt about a table that is not where it is given, or none. It concerns all chains."""
-    if table is None:
+
+def table_findings(
+    table: MeasuredTable | None, given_error: GivenTableError | None, chains: Sequence[Chain]
+) -> list[Finding]:
+    """Return the finding on a table that is not, or may not be, where it is given; none if the views agree with it.
+
+    Args:
+        table: Where the views show the table, if it is not where it is given: a doubt that concerns all chains.
+        given_error: Error that the given table may have. If it is probable, a note: `sigma_m` contains it.
+        chains: Chains of the model.
+    """
+    if table is not None:
+        message = (
+            f"{describe_table(table)}; heights were measured from the table as the views show it: correct table_z_m or "
+            "level the table; if the table is where it is given, calibrate"
+        )
+        ids = [chain.id for chain in chains]
+        return [finding("table-elsewhere", message, chains=ids, value=table.distance_sigma, limit=MAX_SIGMA)]
+    if given_error is None or given_error.probability <= MIN_PROBABILITY:
         return []
     message = (
-        f"{describe_table(table)}; heights were measured from the table as the views show it: correct table_z_m or "
-        "level the table; if the table is where it is given, calibrate"
+        f"{describe_table(given_error.measured)}, which errors of the poses hardly explain: the given table was used, "
+        "and sigma_m contains this difference; measure table_z_m again, or verify the calibration"
     )
-    ids = [chain.id for chain in chains]
-    return [finding("table-elsewhere", message, chains=ids, value=table.distance_sigma, limit=MAX_SIGMA)]
+    return [finding("table-uncertain", message, value=given_error.probability, limit=MIN_PROBABILITY)]
 
 
-def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:
-    """Return the registration of views that were aligned to a measured table, with the error of this table.
+def add_table_error(
+    registration: Registration, table: MeasuredTable | None, given_error: GivenTableError | None
+) -> Registration:
+    """Return the registration with the error of the table to which the views were aligned.
 
-    The poses of all views have this error. The aligned views do not show the hand-eye error, because the measured table
-    was computed from the same views. Without a measured table, the registration is returned as it is.
+    The poses of all views have this error. If they were aligned to a measured table, they do not show the hand-eye
+    error, because the table was computed from the same views. A single view then has the whole error of its given pose.
+
+    Args:
+        registration: Registered views.
+        table: Measured table to which the views were aligned, or None.
+        given_error: Error that the given table may have, if the views were aligned to it, or None.
     """
-    if table is None:
+    if table is not None:
+        registration = replace(registration, hand_eye_error=None)
+        if len(registration.clouds) == 1:
+            covariance = given_pose_covariance(registration.clouds[0], registration.centre)
+            return replace(registration, covariance=covariance)
+        common = table.pose_covariance(table.covariance, registration.centre)
+    elif given_error is not None:
+        common = given_error.measured.pose_covariance(given_error.covariance, registration.centre)
+    else:
         return registration
     n = len(registration.clouds)
-    common = np.tile(table.pose_covariance(registration.centre), (n, n))
-    return replace(registration, covariance=registration.covariance + common, hand_eye_error=None)
+    return replace(registration, covariance=registration.covariance + np.tile(common, (n, n)))
 
 
 def move_registration(registration: Registration, T: NDArray[np.float64]) -> Registration:

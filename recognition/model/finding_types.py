@@ -61,6 +61,7 @@ FindingCode = Literal[
     "more-unexplained-surface",
     "single-view",
     "depth-warp",
+    "table-uncertain",
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
@@ -233,7 +234,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "table-elsewhere": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="All views show the table at another height or tilt than given. The model is relative to this plane.",
+        meaning="The views show the table at another height or tilt than given. The model is relative to this plane.",
         action="Correct the table height or level the table. If it is where it is given, calibrate again.",
         decision="ask a person",
         value="distance of the measured from the given table, in sigmas of the pose errors",
@@ -241,7 +242,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "single-view-not-aligned": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The only view shows too little of the table, or shows it elsewhere. The camera may have moved.",
+        meaning="The only view shows too little of the table. The camera may have moved.",
         action="Do not act on positions. Check the table height and verify the calibration, or scan from more views.",
         decision="ask a person",
     ),
@@ -387,7 +388,7 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "single-view": FindingType(
         severity="note",
         scope="nothing",
-        meaning="The model rests on a single view. No other view checks its pose, or the table height that was given.",
+        meaning="The model rests on a single view. Only the table plane, and no other view, checks its pose.",
         action="Nothing, if `sigma_m` is small enough. It holds only if calibration and table height are right.",
         decision="nothing",
     ),
@@ -400,6 +401,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         value="root mean square of the depth error on the table, m",
     ),
     "more-views-needed": FindingType(
+    "table-uncertain": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The views show the table at another height or tilt than given, hardly more than errors of the poses.",
+        action="Nothing, if `sigma_m` is small enough: it contains this error. Else measure the table height again.",
+        decision="nothing",
+        value="probability that the table is not where it is given",
+    ),
         severity="note",
         scope="nothing",
         meaning="A scan with views as needed went on because something was doubtful. The message says what.",

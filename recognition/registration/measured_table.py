@@ -18,8 +18,6 @@ from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.preprocessing.target_cloud import DepthView
 from recognition.registration.pose_prior import N_SHARED, PoseSigmas
 
-MIN_VIEWS = 2
-"""Minimum number of views that show the table."""
 MAX_SIGMA = 4.3
 """Maximum Mahalanobis norm of the offset (height and two tilts) that errors of the poses explain. A table that is where
 it is given exceeds the limit in one of three thousand scans, as in `registration.MAX_HAND_EYE_ERROR_SIGMA`."""
@@ -72,15 +70,18 @@ class MeasuredTable:
         T[:3, 3] = self.centre + (0.0, 0.0, self.height_m) - T[:3, :3] @ self.centre
         return T
 
-    def pose_covariance(self, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the covariance (6, 6) of the motion of all views that the error of the measured plane causes.
+    def pose_covariance(self, covariance: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the covariance (6, 6) of the motion of all views that an error of the table causes.
 
-        The motion is a rotation (rad) about `centre` (3,), then a translation (m).
+        Args:
+            covariance: (3, 3) covariance of the error, as that of the offset.
+            centre: (3,) point about which the motion rotates, metres, base frame. The motion is a rotation (rad), then
+                a translation (m).
         """
         J = np.zeros((6, 3))
         J[0, 0] = J[1, 1] = J[5, 2] = 1.0
         J[5, :2] = -cross_matrix(centre - self.centre)[2, :2]
-        return J @ self.covariance @ J.T
+        return J @ covariance @ J.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +128,14 @@ def locate_table(
         sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
 
     Returns:
-        The measured table; None if fewer than `MIN_VIEWS` views show it.
+        The measured table; None if no view shows it.
     """
-    if len(planes) < MIN_VIEWS:
+    if len(planes) == 0:
         return None
     sigmas = sigmas or PoseSigmas()
     centre = np.append(np.median([plane.centre[:2] for plane in planes], axis=0), table_z_m)
     G, y = _equations(planes, centre, sigmas)
-    min_views = max(len(planes) // 2 + 1, MIN_VIEWS)
+    min_views = len(planes) // 2 + 1
     prior = np.zeros((3 + N_SHARED, 3 + N_SHARED))
     prior[3:, 3:] = sigmas.shared_information
     while True:
@@ -148,13 +149,15 @@ def locate_table(
             break
         G, y = np.delete(G, worst, axis=0), np.delete(y, worst, axis=0)
     total = float(squares.sum() + state[3:] @ sigmas.shared_information @ state[3:])
-    scale = max(total / (3 * len(G) - 3), 1.0)
+    scale = max(total / max(3 * len(G) - 3, 1), 1.0)
     covariance = np.asarray(scale * np.linalg.inv(information)[:3, :3], dtype=np.float64)
     return MeasuredTable(centre, state[:3], covariance)
 
 
 def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> MeasuredTable | None:
     """Return where the views show the table, if errors of the poses do not explain the difference, else None.
+
+    A single view shows it, too, with the whole error of its pose.
 
     Args:
         planes: Plane of the table in each view; None for a view that shows too little of it.

@@ -9,7 +9,7 @@ error in the camera frame (6), and the disparity offset (1). A twist has the ord
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,20 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
             information[own, own] += np.diag(table**-2.0)
         robot_errors.append((D, d))
     return PosePrior(information, gradient, tuple(robot_errors))
+
+
+def given_pose_covariance(
+    cloud: NormalCloud, centre: NDArray[np.float64], sigmas: PoseSigmas | None = None
+) -> NDArray[np.float64]:
+    """Return the covariance (6, 6) of the error of a single view whose table shows nothing about it.
+
+    Args:
+        cloud: The view.
+        centre: (3,) rotation centre of the twist, metres, base frame.
+        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
+    """
+    prior = pose_prior([cloud], centre, replace(sigmas or PoseSigmas(), table_m=np.inf, table_rad=np.inf))
+    return np.asarray(np.linalg.inv(prior.information)[:6, :6], dtype=np.float64)
 
 
 def twist_about(T: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from cell.simulation.offline_scan import SimulatedScan, simulate
+from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.assembly.table_frame import add_table_error, move_heights, move_model, move_registration
@@ -15,6 +16,7 @@ from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.registration.given_table import GivenTableError
 from recognition.registration.measured_table import MeasuredTable
 
 pytestmark = pytest.mark.slow
@@ -118,12 +120,45 @@ def test_a_moved_registration_and_its_covariance(lifted: Recognition) -> None:
 def test_the_error_of_the_table_is_common_to_all_views(lifted: Recognition) -> None:
     registration = lifted.registration
     assert registration is not None
-    assert add_table_error(registration, None) is registration
-    table = MeasuredTable(registration.centre, np.zeros(3), np.diag([1e-6, 4e-6, 9e-8]))
-    added = add_table_error(registration, table).covariance - registration.covariance
-    for i, j in ((0, 0), (0, 1), (2, 5)):
-        block = added[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
-        np.testing.assert_allclose(block, np.diag([1e-6, 4e-6, 0, 0, 0, 9e-8]), atol=1e-14)
+    assert add_table_error(registration, None, None) is registration
+    covariance = np.diag([1e-6, 4e-6, 9e-8])
+    table = MeasuredTable(registration.centre, np.zeros(3), covariance)
+    moved = add_table_error(registration, table, None)
+    given = add_table_error(registration, None, GivenTableError(covariance, 0.9, table))
+    for added in (moved.covariance - registration.covariance, given.covariance - registration.covariance):
+        for i, j in ((0, 0), (0, 1), (2, 5)):
+            block = added[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
+            np.testing.assert_allclose(block, np.diag([1e-6, 4e-6, 0, 0, 0, 9e-8]), atol=1e-14)
+
+
+@pytest.mark.parametrize("height_m", [-0.0018, 0.0018])
+def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: float) -> None:
+    """The poses are exact, so the model is off by as much as the given height. Errors of the poses might explain it."""
+    scene, camera = make_scene("loop", seed=1), camera_model("oak-d-pro")
+    scan = simulate(scene, camera, 1, errors=NO_ERRORS)
+    level, off = (
+        recognise(scan.views, ChainParameters.for_radius(0.0042), Scene(z, scan.header.workspace_m)).model
+        for z in (0.0, -height_m)
+    )
+    (found,) = [found for found in off.quality.findings if found.code == "table-uncertain"]
+    assert "1.8 mm higher" in found.message or "1.8 mm lower" in found.message
+    assert (off.quality.verdict, level.quality.findings) == ("accept", ())
+    error = off.chains[0].points[:, 2].mean() - level.chains[0].points[:, 2].mean()
+    assert error == pytest.approx(-height_m, abs=0.0002)
+    assert np.median(off.chains[0].sigma_m) > abs(height_m) / 2 > np.median(level.chains[0].sigma_m)
+
+
+@pytest.mark.parametrize("height_m", [-0.006, 0.006])
+def test_a_single_view_tells_a_table_that_is_elsewhere(height_m: float) -> None:
+    scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
+    model, true = (
+        recognise(scan.views, ChainParameters.for_radius(0.0042), Scene(z, scan.header.workspace_m)).model
+        for z in (height_m, 0.0)
+    )
+    assert {"single-view", "table-elsewhere"} <= {found.code for found in model.quality.findings}
+    assert model.quality.verdict == "review"
+    distance = np.linalg.norm(model.chains[0].points[:, None] - true.chains[0].points[None], axis=2).min(axis=1)
+    assert np.all(distance < 2 * model.chains[0].sigma_m)
 
 
 def test_heights_are_moved_with_the_plane(lifted: Recognition) -> None:

@@ -105,7 +105,8 @@ def test_the_motion_of_the_table_moves_the_given_plane_to_the_measured_one() -> 
     moved = transform_points(table.T_base_table, np.array([[0.2, -0.1, 0.0], [-0.2, 0.2, 0.0], [0.0, 0.0, 0.0]]))
     np.testing.assert_allclose(transform_points(inverse(T), moved)[:, 2], 0.0, atol=2e-5)
     # far from the measured points, the tilt adds to the error of the height
-    near, far = (table.pose_covariance(np.array(centre)) for centre in ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)))
+    centres = np.array([(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)])
+    near, far = (table.pose_covariance(table.covariance, centre) for centre in centres)
     assert near[5, 5] == pytest.approx(table.covariance[2, 2], rel=1e-6)
     assert far[5, 5] == pytest.approx(near[5, 5] + 0.25 * table.covariance[1, 1], rel=0.05)
 
@@ -118,11 +119,29 @@ def test_a_view_with_another_plane_is_left_out() -> None:
     assert table.height_m == pytest.approx(-0.005, abs=1e-4)
 
 
-def test_one_view_does_not_locate_the_table() -> None:
-    plane = as_seen(table_at(-0.005, 0.0), POSES[0], POSES[0])
-    assert locate_table([plane], 0.0) is None
-    assert find_moved_table([plane, None, None], 0.0) is None
+def test_one_view_locates_the_table_with_the_whole_error_of_its_pose() -> None:
+    planes = noisy_planes(table_at(-0.006, 1.0), seed=3)
+    one, eight = locate_table(planes[:1], 0.0), locate_table(planes, 0.0)
+    assert one is not None
+    assert eight is not None
+    assert np.all(np.diag(one.covariance) > np.diag(eight.covariance))
+    assert one.height_m == pytest.approx(-0.006, abs=0.003)
+    assert find_moved_table([planes[0], None, None], 0.0) is not None
+    assert locate_table([], 0.0) is None
     assert find_moved_table([], 0.0) is None
+    assert find_moved_table([None, None], 0.0) is None
+
+
+def test_errors_of_one_pose_are_not_taken_for_another_table() -> None:
+    offsets = []
+    for seed in range(300):
+        plane = noisy_planes(np.eye(4), seed)[0]
+        table = locate_table([plane], 0.0)
+        assert table is not None
+        assert find_moved_table([plane], 0.0) is None
+        offsets.append(table.distance_sigma)
+    # three standard normal errors have the root mean square sqrt(3)
+    assert 1.3 < np.sqrt(np.mean(np.square(offsets))) < 2.1
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,59 @@
+"""How wrong the given table plane may be, if the views neither confirm it nor show that it is elsewhere.
+
+The views show the plane only to within the errors of their poses, so the given plane is used as long as these errors
+explain the difference. But a table height from a tape measure explains it as well. A mixture of two hypotheses weighs
+both: the given plane is exact, or it is some millimetres or tenths of a degree off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from recognition.registration.measured_table import MeasuredTable
+
+WRONG_SHARE = 0.03
+"""Assumed share of scans whose given plane is off, by height or by tilt. It decides how large a difference must be to
+count: at 0.03, the hypotheses are equally probable for a height that differs by about 3 sigma of the pose errors."""
+WRONG_HEIGHT_M = 0.002
+"""Assumed error of a height that is off, metres, one sigma."""
+WRONG_TILT_RAD = float(np.deg2rad(0.5))
+"""Assumed tilt about each axis of a plane that is off, radians, one sigma."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenTableError:
+    """Error that the given plane may have, as the views show it."""
+
+    covariance: NDArray[np.float64]
+    """(3, 3) expected square of the error: rotation about x and y (rad), and height at the centre of the table (m)."""
+    probability: float
+    """Probability that the given plane is off, by height or by tilt; the larger of the two."""
+    measured: MeasuredTable
+    """Plane that the views show."""
+
+
+def given_table_error(table: MeasuredTable) -> GivenTableError:
+    """Return the error that the given plane may have, from the plane that the views show.
+
+    Height and tilt are judged separately. Both hypotheses are Gaussian: the measured offset has the covariance of the
+    pose errors, or that covariance plus the one of a plane that is off.
+    """
+    covariance = np.zeros((3, 3))
+    probabilities = []
+    for axes, sigma in ((np.array([2]), WRONG_HEIGHT_M), (np.array([0, 1]), WRONG_TILT_RAD)):
+        block = np.ix_(axes, axes)
+        offset, exact, prior = table.offset[axes], table.covariance[block], np.eye(len(axes)) * sigma**2
+        gain = prior @ np.linalg.inv(exact + prior)
+        log_odds = _log_density(offset, exact + prior) - _log_density(offset, exact)
+        probability = float(expit(log_odds + np.log(WRONG_SHARE / (1 - WRONG_SHARE))))
+        error = gain @ offset
+        covariance[block] = probability * (prior - gain @ prior + np.outer(error, error))
+        probabilities.append(probability)
+    return GivenTableError(covariance, max(probabilities), table)
+
+
+def _log_density(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Return the logarithm of a centred Gaussian density at an offset, without the constant."""
+    return float(-0.5 * (offset @ np.linalg.solve(covariance, offset) + np.linalg.slogdet(covariance)[1]))
