@@ -1,30 +1,35 @@
 """Detection of sharp bends, at which a chain may have changed to the wrong strand."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length, unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 
-MAX_BEND_RAD = np.radians(75)
-"""Maximum bend angle at a point of a string, radians. A larger angle needs a bend radius below about 1.5 radii."""
+MAX_LOOSE_BEND_RAD = np.radians(75)
+"""Maximum bend angle at a point of a string that is not pulled tight, radians. Its bend radius is about 1.5 radii."""
+MAX_BEND_RAD = 2.0
+"""Maximum bend angle at a point of any string, radians. The bend radius is then the radius of the string: in a sharper
+bend, the inner side of a round string would run backwards."""
 
 
 def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
-    """Return a finding on each chain that bends more sharply than a string can.
+    """Return a finding on each bend that is sharper than a loose string, or than any string, can have.
 
     The bend angle at a point is the angle between two directions: over two radii before and two radii after the point.
-    A chain with a bend above `MAX_BEND_RAD` may have taken the wrong strand there.
+    At a bend above `MAX_LOOSE_BEND_RAD`, a chain may have taken the wrong strand, or the string is pulled tight around
+    another one. Above `MAX_BEND_RAD`, it has taken the wrong strand.
 
     Args:
         chains: Chains of the model. Chains shorter than four radii are not checked.
 
     Returns:
-        At most one finding for each chain, with the position of its sharpest bend. It concerns the part of the chain
-        from two radii before to two radii after the point.
+        For each bend, a finding with its position. It concerns the part of the chain from two radii before to two radii
+        after the point.
     """
     findings = []
     for chain in chains:
@@ -34,23 +39,42 @@ def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
         # The bends of a closed chain include the bends at its first and its last points.
         line = np.vstack([chain.points, chain.points[: 2 * step]]) if chain.closed else chain.points
         directions = unit_vectors(line[step:] - line[:-step])
-        cosine = (directions[step:] * directions[:-step]).sum(axis=1)
-        sharpest = int(cosine.argmin())
-        if cosine[sharpest] < np.cos(MAX_BEND_RAD):
-            point, s = line[sharpest + step], arc_length(line)
-            message = (
-                f"chain {chain.id} bends sharply at {format_position(point)}: it may have taken the wrong strand at a "
-                "crossing"
-            )
+        angles = np.arccos(np.clip((directions[step:] * directions[:-step]).sum(axis=1), -1, 1))
+        s = arc_length(line)
+        for k in _separate_maxima(angles, 2 * step, chain.closed):
             findings.append(
-                finding(
-                    "sharp-bend",
-                    message,
-                    chains=(chain.id,),
-                    s_range_m=(s[sharpest], s[sharpest + 2 * step]),
-                    point=point,
-                    value=np.arccos(np.clip(cosine[sharpest], -1, 1)),
-                    limit=MAX_BEND_RAD,
-                )
+                _bend_finding(chain.id, line[k + step], float(angles[k]), (float(s[k]), float(s[k + 2 * step])))
             )
     return findings
+
+
+def _separate_maxima(angles: NDArray[np.float64], apart: int, closed: bool) -> Iterator[int]:
+    """Yield the indices of the angles (N,) above the limit of loose strings, the largest first.
+
+    Of angles whose indices differ by at most `apart`, only the largest counts. On a closed chain, the last index is
+    beside the first.
+    """
+    rest, numbers = angles.copy(), np.arange(len(angles))
+    while rest[k := int(rest.argmax())] > MAX_LOOSE_BEND_RAD:
+        yield k
+        distance = np.abs(numbers - k)
+        rest[(np.minimum(distance, len(angles) - distance) if closed else distance) <= apart] = 0.0
+
+
+def _bend_finding(chain: int, point: NDArray[np.float64], angle: float, s_range_m: tuple[float, float]) -> Finding:
+    """Return the finding on a bend: a doubt if only a string that is pulled tight bends so, else a blocking finding."""
+    is_possible = angle <= MAX_BEND_RAD
+    reason = (
+        "it may have taken the wrong strand at a crossing, unless it is pulled tight there"
+        if is_possible
+        else "no string bends so, and it has probably taken the wrong strand at a crossing"
+    )
+    return finding(
+        "tight-bend" if is_possible else "sharp-bend",
+        f"chain {chain} bends sharply at {format_position(point)}: {reason}",
+        chains=(chain,),
+        s_range_m=s_range_m,
+        point=point,
+        value=angle,
+        limit=MAX_LOOSE_BEND_RAD if is_possible else MAX_BEND_RAD,
+    )

@@ -23,6 +23,7 @@ the same finding. `nothing`: the finding changes no verdict.
 
 FindingCode = Literal[
     "sharp-bend",
+    "tight-bend",
     "connection-uncertain",
     "crossing-undecided",
     "upper-strand-unseen",
@@ -60,8 +61,8 @@ FindingCode = Literal[
     "unexplained-surface",
     "more-unexplained-surface",
     "single-view",
-    "depth-warp",
     "table-uncertain",
+    "depth-warp",
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
@@ -99,9 +100,17 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "sharp-bend": FindingType(
         severity="blocking",
         scope="part",
-        meaning="The chain bends more sharply than a string can. It may have taken the wrong strand at a crossing.",
+        meaning="The chain bends more sharply than any string can. It has probably taken the wrong strand.",
         action="Do not rely on the order of the chain, and do not grasp at the bend. Scan again from more views.",
         decision="scan again",
+        value="bend angle, rad",
+    ),
+    "tight-bend": FindingType(
+        severity="doubt",
+        scope="part",
+        meaning="The chain bends as only a string in a tight knot does. It may have taken the wrong strand there.",
+        action="If no knot is pulled tight there, do not rely on the order of the chain. Do not grasp at the bend.",
+        decision="ask a person",
         value="bend angle, rad",
     ),
     "connection-uncertain": FindingType(
@@ -392,6 +401,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Nothing, if `sigma_m` is small enough. It holds only if calibration and table height are right.",
         decision="nothing",
     ),
+    "table-uncertain": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="The views show the table at another height or tilt than given, hardly more than errors of the poses.",
+        action="Nothing, if `sigma_m` is small enough: it contains this error. Else measure the table height again.",
+        decision="nothing",
+        value="probability that the table is not where it is given",
+    ),
     "depth-warp": FindingType(
         severity="note",
         scope="nothing",
@@ -401,14 +418,6 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         value="root mean square of the depth error on the table, m",
     ),
     "more-views-needed": FindingType(
-    "table-uncertain": FindingType(
-        severity="note",
-        scope="nothing",
-        meaning="The views show the table at another height or tilt than given, hardly more than errors of the poses.",
-        action="Nothing, if `sigma_m` is small enough: it contains this error. Else measure the table height again.",
-        decision="nothing",
-        value="probability that the table is not where it is given",
-    ),
         severity="note",
         scope="nothing",
         meaning="A scan with views as needed went on because something was doubtful. The message says what.",

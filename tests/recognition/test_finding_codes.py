@@ -134,9 +134,10 @@ def chain(number: int, points: Points, views: int = 5) -> Chain:
     return Chain(number, False, R, points, np.full(n, 0.0004), np.full(n, views, dtype=np.int64), ("free", "free"))
 
 
-def sharp_bend() -> Sequence[Finding]:
+def bend(x_end: float) -> Callable[[], Sequence[Finding]]:
     """A simulated string with such a kink comes out rounder. The bend is that of a chain on the wrong strand."""
-    return sharp_bend_findings([chain(0, np.vstack([line((0, 0), (0.05, 0)), line((0.05, 0.001), (0.04, 0.05))])[::4])])
+    bent = np.vstack([line((0, 0), (0.05, 0)), line((0.05, 0.001), (x_end, 0.05))])
+    return lambda: sharp_bend_findings([chain(0, bent[::4])])
 
 
 @cache
@@ -294,7 +295,8 @@ def without_table() -> Sequence[Finding]:
 
 
 PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
-    "sharp-bend": sharp_bend,
+    "sharp-bend": bend(-0.03),
+    "tight-bend": bend(0.04),
     "connection-uncertain": hidden_junction,
     "crossing-undecided": flat_crossing,
     "upper-strand-unseen": unseen_upper_strand,
@@ -331,9 +333,9 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "more-unexplained-surface": many_short_pieces,
     "single-view-not-aligned": without_table,
     "single-view": lambda: findings_of(one_string(), views=one_string().views[:1]),
+    "table-uncertain": lower_table(0.0018),
     "depth-warp": lambda: findings_of(one_string(), views=with_curved_depth(one_string())),
     "view-without-depth": excluded(with_depth(0)),
-    "table-uncertain": lower_table(0.0018),
     "view-outside-workspace": excluded(with_depth(60000)),
     "view-stuck": excluded(lambda view: with_depth(int(np.median(view.depth)) - 20)(view)),
     "view-without-string": excluded(lambda view: of_plane(view, 0.0)),
@@ -355,10 +357,10 @@ class Expected:
     """Members of the document apart from the code, the severity and the message."""
     sense: Literal["above", "below", None] = None
     """Side of the limit on which the value lies. None: the finding has no limit."""
-
-
     sometimes: frozenset[str] = frozenset()
     """Members that only some of the findings have."""
+
+
 def has(members: str, sense: Literal["above", "below", None] = None, sometimes: str = "") -> Expected:
     names = {"part": "s_range_m", "point": "point_m"}
     return Expected(frozenset(names.get(name, name) for name in members.split()), sense, frozenset(sometimes.split()))
@@ -366,8 +368,7 @@ def has(members: str, sense: Literal["above", "below", None] = None, sometimes: 
 
 EXPECTED: dict[FindingCode, Expected] = {
     "sharp-bend": has("chains part point value limit", "above"),
-    sometimes: frozenset[str] = frozenset()
-    """Members that only some of the findings have."""
+    "tight-bend": has("chains part point value limit", "above"),
     "connection-uncertain": has("chains part point value limit", "below"),
     "crossing-undecided": has("chains crossing point value limit", "below"),
     "upper-strand-unseen": has("chains crossing point value limit", "below"),
@@ -403,8 +404,8 @@ EXPECTED: dict[FindingCode, Expected] = {
     "unexplained-surface": has("point value limit", "above"),
     "more-unexplained-surface": has("point value"),
     "single-view-not-aligned": has("chains view"),
-    "single-view": has("view"),
     "table-uncertain": has("value limit", "above"),
+    "single-view": has("view"),
     "depth-warp": has("value limit", "above"),
     "view-without-depth": has("view"),
     "view-outside-workspace": has("view"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recognition.assembly.sharp_bends import MAX_BEND_RAD, sharp_bend_findings
+from recognition.assembly.sharp_bends import MAX_BEND_RAD, MAX_LOOSE_BEND_RAD, sharp_bend_findings
 from recognition.geometry.polyline import arc_length, points_at
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding
@@ -24,17 +24,43 @@ def bends(degrees: float, table_1: ChainParameters) -> list[Finding]:
     return sharp_bend_findings([chain(table_1, (0, 0), (50.4, 0), (50.4 + 50.4 * c, 50.4 * s))])
 
 
-def test_a_sharp_bend_is_a_blocking_finding_with_its_position(table_1: ChainParameters) -> None:
-    (found,) = bends(100, table_1)
-    assert (found.code, found.severity, found.chains) == ("sharp-bend", "blocking", (0,))
+@pytest.mark.parametrize(
+    ("degrees", "code", "severity", "limit"),
+    [(100, "tight-bend", "doubt", MAX_LOOSE_BEND_RAD), (130, "sharp-bend", "blocking", MAX_BEND_RAD)],
+)
+def test_a_sharp_bend_is_a_finding_with_its_position(
+    table_1: ChainParameters, degrees: float, code: str, severity: str, limit: float
+) -> None:
+    (found,) = bends(degrees, table_1)
+    assert (found.code, found.severity, found.chains) == (code, severity, (0,))
     # The corner is a point of the chain, and the directions are measured on two points before and after it.
     assert found.point_m == pytest.approx((0.0504, 0.0, 0.0042), abs=1e-9)
     assert found.s_range_m == pytest.approx((0.0504 - 0.0084, 0.0504 + 0.0084), abs=1e-9)
-    assert found.value == pytest.approx(np.radians(100), abs=1e-9)
-    assert found.limit == pytest.approx(MAX_BEND_RAD, abs=1e-12)
+    assert found.value == pytest.approx(np.radians(degrees), abs=1e-9)
+    assert found.limit == pytest.approx(limit, abs=1e-12)
     assert found.message.startswith("chain 0 bends sharply at (50, 0, 4) mm")
-    assert bends(60, table_1) == []
-    assert bends(0, table_1) == []
+
+
+@pytest.mark.parametrize("degrees", [0, 60, 74])
+def test_a_loose_string_has_no_sharp_bend(table_1: ChainParameters, degrees: float) -> None:
+    assert bends(degrees, table_1) == []
+
+
+def test_a_string_around_one_of_its_own_size_bends_less_than_the_limit(table_1: ChainParameters) -> None:
+    """The centre line of a string that touches itself in a half turn has a bend radius of one radius, the smallest."""
+    r, turn = table_1.r, np.linspace(0, np.pi, 8)
+    arc = r * np.column_stack([np.sin(turn), 1 - np.cos(turn)])
+    corners = np.vstack([[(-0.05, 0)], arc, [(-0.05, 2 * r)]]) * 1000
+    (found,) = sharp_bend_findings([chain(table_1, *((float(x), float(y)) for x, y in corners))])
+    assert found.code == "tight-bend"
+
+
+def test_each_sharp_bend_is_found(table_1: ChainParameters) -> None:
+    zigzag = chain(table_1, (0, 0), (50.4, 0), (50.4, 50.4), (100.8, 50.4), (100.8, 0))
+    found = sorted(one.point_m for one in sharp_bend_findings([zigzag]) if one.point_m is not None)
+    assert np.array(found) == pytest.approx(
+        np.array([(0.0504, 0, 0.0042), (0.0504, 0.0504, 0.0042), (0.1008, 0.0504, 0.0042)]), abs=1e-9
+    )
 
 
 def test_a_short_chain_has_no_bend(table_1: ChainParameters) -> None:
