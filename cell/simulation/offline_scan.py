@@ -70,7 +70,8 @@ def simulate(
             None means that this is true.
         bearings: Bearing of each view from the table's origin. None means bearings on two rings.
         workspace_half_m: Half width of the recorded workspace, which all views show completely. None means at least
-            `WORKSPACE_HALF_M`, and views that show the strings.
+            `WORKSPACE_HALF_M`, and views that show the strings. A single view shows no such workspace, so None then
+            means the width that the strings need.
 
     Raises:
         ViewCountError: `views` is out of range.
@@ -79,7 +80,10 @@ def simulate(
         raise ViewCountError(f"{views} views; from 1 to 64 are allowed")
     errors = PoseErrors() if errors is None else errors
     points = _subject(scene)
-    half = max(WORKSPACE_HALF_M, float(np.abs(points[:, :2]).max()) + 0.03)
+    needed = float(np.abs(points[:, :2]).max()) + 0.03
+    half = max(WORKSPACE_HALF_M, needed)
+    if workspace_half_m is None and views == 1:
+        workspace_half_m = needed
     if workspace_half_m is not None:
         half = workspace_half_m
         points = half * np.array([(x, y, 0.0) for x in (-1, 1) for y in (-1, 1)])
