@@ -21,6 +21,14 @@ SURE_SHARE = 0.3
 """Share of the measured pixels that must lie on the table for a guess. A given unit with less is warned of."""
 NEAR_M = 0.03
 """Pixels within this height of the table are looked at to measure where it is."""
+PLANE_M = 0.015
+"""Pixels within this height of a level plane count as on it, when the table is looked for at other heights."""
+PLANE_SHARE = 0.6
+"""Share of the measured pixels that must lie on such a plane. With a wrong unit, each image may have its own."""
+SEARCH_M = 1.0
+"""Largest distance of such a plane from the given height of the table."""
+DEPTHS_M = (0.1, 3.0)
+"""Range of the median depth for such a plane. With a much too small unit, all points are at the camera."""
 SAMPLE = 10_000
 """Largest number of measured pixels of each image that are compared."""
 
@@ -83,6 +91,21 @@ def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | N
     return float(np.median(heights_m[near])) if near.mean() >= SURE_SHARE else None
 
 
+def _level_plane_m(frames: Frames, table_z_m: float, unit_m: float) -> float | None:
+    """Return the height of the level plane that most of the images show with a unit, metres; None if there is none.
+
+    With a wrong unit, the table is tilted in an oblique image, and at another height in each image.
+    """
+    samples = list(_sampled(frames))
+    if not DEPTHS_M[0] <= unit_m * float(np.median(np.concatenate([values for *_, values in samples]))) <= DEPTHS_M[1]:
+        return None
+    heights_m = np.concatenate([z_m + unit_m * values * rays for z_m, rays, values in samples])
+    edges = np.arange(table_z_m - SEARCH_M, table_z_m + SEARCH_M + PLANE_M, PLANE_M)
+    middle = edges[int(np.histogram(heights_m, edges)[0].argmax())] + PLANE_M / 2
+    near = np.abs(heights_m - middle) < PLANE_M
+    return float(np.median(heights_m[near])) if near.mean() >= PLANE_SHARE else None
+
+
 def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> float:
     """Return the only common depth unit that puts the table where the poses say it is; floats are metres.
 
@@ -113,6 +136,15 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
         raise FramesError(
             f"depths go up to {largest:g}, which metres cannot be, and millimetres do not put the table at z = "
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
+        )
+    planes = {unit: _level_plane_m(frames, table_z_m, unit) for unit in _common_units(frames)}
+    level = [(unit, z_m) for unit, z_m in planes.items() if z_m is not None]
+    if len(level) == 1:
+        unit, z_m = level[0]
+        raise FramesError(
+            f"the depth unit is not given, and no common one puts the table at z = {table_z_m:g} m; with {unit:g} m "
+            f"per count, the images show a level plane at z = {z_m:.3f} m: if this is the table, give --table-z "
+            f"{z_m:.3f}; if not, check the poses and the camera matrix"
         )
     usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
     would = f"; {usual:.3g} m per count would, but that is not a common unit" if np.isfinite(usual) else ""

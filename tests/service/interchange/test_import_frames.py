@@ -1,6 +1,7 @@
 """`pointchain import frames` makes a recording that gives the same model as the source of the depth images."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -438,6 +439,19 @@ def test_bad_input_is_rejected_and_nothing_is_written(
     assert err.startswith("pointchain import frames: ")
     assert err.count("\n") == 1
     assert list(out.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("table_z_m", [0.08, -0.12])
+def test_a_table_at_another_height_is_named(
+    recording: Recording, tmp_path: Path, table_z_m: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), "--table-z", str(table_z_m)]) == 1
+    assert re.search(
+        r"with 0\.0001 m per count, the images show a level plane at z = -?0\.00\d m: if this is the table, give",
+        capsys.readouterr().err,
+    )
+    assert not out.exists()
 
 
 def test_inverted_flange_poses_are_recognised(
