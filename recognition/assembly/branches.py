@@ -12,7 +12,7 @@ from recognition.assembly.crossings import MAX_FLAT_GAP_SHARE
 from recognition.geometry.polyline import close_polyline, end_direction, points_at, resampled_lengths
 from recognition.messages import format_position
 from recognition.model.chains import Chain, End
-from recognition.model.findings import Finding, finding
+from recognition.model.findings import Finding, Which, finding
 from recognition.preprocessing.lines_of_sight import count_views
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.visible_gaps import STEP_RADII
@@ -143,6 +143,10 @@ def _branch_findings(contact: _Contact, chains: Sequence[Chain]) -> list[Finding
     length, part = chain.length_m, END_PART_RADII * r
     at_end = (max(length - part, 0.0), length) if contact.at else (0.0, min(part, length))
     at_side = (max(contact.s_m - part, 0.0), min(contact.s_m + part, trunk.length_m))
+    parts: tuple[tuple[Chain, Which | None, tuple[float, float]], ...] = (
+        (chain, WHICH[contact.at], at_end),
+        (trunk, None, at_side),
+    )
     return [
         finding(
             "possible-branch",
@@ -154,5 +158,5 @@ def _branch_findings(contact: _Contact, chains: Sequence[Chain]) -> list[Finding
             value=contact.distance_m,
             limit=trunk.radius_m + MAX_GAP_RADII * chain.radius_m,
         )
-        for found, which, s_range_m in ((chain, WHICH[contact.at], at_end), (trunk, None, at_side))
+        for found, which, s_range_m in parts
     ]

@@ -84,7 +84,7 @@ def single_view_findings(
         return []
     message = (
         f"only view {used[0]} is used: no other view checks its pose, shows whether something moved, or sees what it "
-        "hides; the positions depend on the calibration alone"
+        "hides; the positions depend on the calibration and on the given table"
     )
     findings = [finding("single-view", message, view=used[0])]
     is_aligned = any(not np.array_equal(cloud.T_correction, np.eye(4)) for cloud in given if cloud.view == used[0])
