@@ -191,7 +191,8 @@ def recognise(
         ContradictingViewsError: No majority of the views shows the same scene.
         DepthNoiseError: The depth of the table scatters too much for the radius.
         NoDepthError: No view measured anything in the workspace.
-        TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
+        TableElsewhereError: The views show the table too far from where it is given, two planes may be the table, or
+            there is no string and all that the views show is far from the given table.
         TooCrowdedError: The points above the table are too many for a scene of strings.
         RadiusUnknownError: `parameters` is None, and the radius could not be measured.
 

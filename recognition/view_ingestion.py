@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
-from recognition.errors import DuplicateViewError, TooCrowdedError
+from recognition.errors import DuplicateViewError, TableElsewhereError, TooCrowdedError
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.depth_warp import (
@@ -22,7 +22,7 @@ from recognition.preprocessing.depth_warp import (
 )
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
-from recognition.preprocessing.table_measurement import ViewPlane, measure_table
+from recognition.preprocessing.table_measurement import SEARCH_M, ViewPlane, height_far_from_table, measure_table
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
@@ -190,7 +190,8 @@ def ingest_views(
         DuplicateViewError: Two views have the same index.
         InsufficientViewsError: No view was given, or only one view shows a string and others show a bare table.
         NoDepthError: No view measured anything in the workspace.
-        TableElsewhereError: The views show the table too far from where it is given, or two planes may be the table.
+        TableElsewhereError: The views show the table too far from where it is given, two planes may be the table, or
+            there is no string and all that the views show is far from the given table.
         DepthNoiseError: In most views, noise of the table reaches the height threshold.
         TooCrowdedError: Most views have too many points above the table for a scene of strings.
     """
@@ -211,6 +212,7 @@ def ingest_views(
     selection = select_views(targets)
     no_string_reason, excluded = None, selection.excluded
     if selection.no_string_reason is not None:
+        _refuse_distant_table(ingestion.views, scene)
         threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
         no_string_reason = f"{selection.no_string_reason} {threshold}"
     else:
@@ -240,6 +242,16 @@ def ingest_views(
         warp=ingestion.warp,
         samples=ingestion.samples,
     )
+
+
+def _refuse_distant_table(views: Sequence[DepthView], scene: Scene) -> None:
+    """Raise TableElsewhereError if most views show something, but nothing near the given table."""
+    heights = [z_m for view in views if (z_m := height_far_from_table(view, scene)) is not None]
+    if len(heights) > len(views) / 2:
+        raise TableElsewhereError(
+            f"no string, and no table within {SEARCH_M * 1000:.0f} mm of z = {scene.table_z_m:g} m: what the views "
+            f"show is at z = {float(np.median(heights)):.3f} m. Check table_z_m, the workspace and the camera poses"
+        )
 
 
 def correct_views(views: Sequence[DepthView], scene: Scene) -> Sequence[DepthView]:

@@ -84,17 +84,22 @@ def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | N
     """Return how far the images show the table above `table_z_m`: the median over the pixels near it.
 
     Returns:
-        Metres; None if fewer than `SURE_SHARE` of the measured pixels are within `NEAR_M` of that height.
+        Metres. If fewer than `SURE_SHARE` of the measured pixels are within `NEAR_M` of that height, the distance of
+        another level plane; None if there is none.
     """
     heights_m = np.concatenate([z_m + unit_m * values * rays - table_z_m for z_m, rays, values in _sampled(frames)])
     near = np.abs(heights_m) < NEAR_M
-    return float(np.median(heights_m[near])) if near.mean() >= SURE_SHARE else None
+    if near.mean() >= SURE_SHARE:
+        return float(np.median(heights_m[near]))
+    z_m = _level_plane_m(frames, table_z_m, unit_m)
+    return None if z_m is None else z_m - table_z_m
 
 
 def _level_plane_m(frames: Frames, table_z_m: float, unit_m: float) -> float | None:
     """Return the height of the level plane that most of the images show with a unit, metres; None if there is none.
 
-    With a wrong unit, the table is tilted in an oblique image, and at another height in each image.
+    With a wrong unit, the table is at another height in each image. A single image may therefore show a plane with
+    several units.
     """
     samples = list(_sampled(frames))
     if not DEPTHS_M[0] <= unit_m * float(np.median(np.concatenate([values for *_, values in samples]))) <= DEPTHS_M[1]:
@@ -138,13 +143,13 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
         )
     planes = {unit: _level_plane_m(frames, table_z_m, unit) for unit in _common_units(frames)}
-    level = [(unit, z_m) for unit, z_m in planes.items() if z_m is not None]
-    if len(level) == 1:
-        unit, z_m = level[0]
+    level = [f"z = {z_m:.4f} m with {unit:g} m per count" for unit, z_m in planes.items() if z_m is not None]
+    if level:
         raise FramesError(
-            f"the depth unit is not given, and no common one puts the table at z = {table_z_m:g} m; with {unit:g} m "
-            f"per count, the images show a level plane at z = {z_m:.3f} m: if this is the table, give --table-z "
-            f"{z_m:.3f}; if not, check the poses and the camera matrix"
+            f"the depth unit is not given, and no common one puts the table at z = {table_z_m:g} m; the images show a "
+            f"level plane at {' or at '.join(level)}: if this is the table, give --depth-unit, and --table-z as "
+            "measured at the table, since errors of the poses move what the images show; if not, check the poses and "
+            "the camera matrix"
         )
     usual = float(np.nanmedian(units)) if np.isfinite(units).any() else float("nan")
     would = f"; {usual:.3g} m per count would, but that is not a common unit" if np.isfinite(usual) else ""

@@ -23,6 +23,8 @@ INLIERS_M = (0.003, 0.002, 0.002)
 planes that are compared."""
 MIN_SHARE = 0.2
 """Minimum number of inliers, as a share of the points in the search range."""
+MAX_NEAR_SHARE = 0.05
+"""Maximum share of the points in the search range of a view that shows no table there: depth errors may lie there."""
 MIN_OTHER_SHARE = 0.15
 """Minimum share of the points on a second plane, for example that of a large flat object on the table."""
 
@@ -129,13 +131,33 @@ def pixels_near_table(
         scene: Given table height, and sides of the workspace.
         size: Approximate number of pixels after even subsampling of the image.
     """
+    rows, columns, points = _pixels_in_sides(view, scene, size)
+    near = np.abs(points[:, 2] - scene.table_z_m) <= SEARCH_M
+    return rows[near], columns[near], points[near]
+
+
+def height_far_from_table(view: DepthView, scene: Scene) -> float | None:
+    """Return the median height of what a view shows, metres, if nearly all of it is far from the given table.
+
+    Returns:
+        The height in the base frame; None if the view shows something near the table, or too little at all.
+    """
+    _, _, points = _pixels_in_sides(view, scene, SAMPLE_SIZE)
+    if len(points) < MIN_INLIERS or np.mean(np.abs(points[:, 2] - scene.table_z_m) <= SEARCH_M) > MAX_NEAR_SHARE:
+        return None
+    return float(np.median(points[:, 2]))
+
+
+def _pixels_in_sides(
+    view: DepthView, scene: Scene, size: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Return the rows (N,), the columns (N,) and the points (N, 3) of pixels within the sides of the workspace."""
     step = int(np.ceil(np.sqrt(max(view.depth.size / size, 1.0))))
     rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
     points = deproject(view, rows, columns)
     box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
-    box[2] = scene.table_z_m - SEARCH_M, scene.table_z_m + SEARCH_M
-    near = np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)
-    return rows[near], columns[near], points[near]
+    inside = np.all((points[:, :2] >= box[:2, 0]) & (points[:, :2] <= box[:2, 1]), axis=1)
+    return rows[inside], columns[inside], points[inside]
 
 
 def _plane_of_most(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -56,18 +56,18 @@ def _report(imported: ImportedFrames, out: Path, table_z_m: float) -> None:
         )
     if imported.too_far:
         lines.append(f"{imported.too_far} pixels are beyond the range of the recording's 16 bits: they have no depth")
-    if imported.table_share < SURE_SHARE:
+    if imported.table_offset_m is not None and abs(imported.table_offset_m) > MAX_TABLE_OFFSET_M:
+        measured_m = table_z_m + imported.table_offset_m
+        lines.append(
+            f"warning: the images show the table at z = {measured_m:.4f} m, not {table_z_m:g} m: measure the height of "
+            "the table and give --table-z, or check the poses, which move what the images show"
+        )
+    elif imported.table_share < SURE_SHARE:
         unit = (
             f"the depth unit ({imported.better_unit_m:g} m would fit)" if imported.better_unit_m else "the depth unit"
         )
         lines.append(
             f"warning: fewer than {SURE_SHARE:.0%} of the pixels are at the table: check {unit}, --table-z, the poses "
             "and the camera matrix"
-        )
-    elif imported.table_offset_m is not None and abs(imported.table_offset_m) > MAX_TABLE_OFFSET_M:
-        measured_m = table_z_m + imported.table_offset_m
-        lines.append(
-            f"warning: the images show the table at z = {measured_m:.4f} m, not {table_z_m:g} m: give --table-z, or "
-            "check the poses"
         )
     print("\n".join([*lines, f"wrote {out}"]), file=sys.stderr)

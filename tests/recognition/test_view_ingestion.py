@@ -168,6 +168,17 @@ def test_views_are_preprocessed_with_the_table_where_they_show_it(
         np.testing.assert_allclose(target.T_base_camera[:3, 3], (T @ view.T_base_camera)[:3, 3], atol=0.004)
 
 
+@pytest.mark.parametrize("table_z_m", [0.06, 0.3])
+@pytest.mark.parametrize("views", [1, 3])
+def test_views_of_nothing_near_the_given_table_are_refused(
+    scan: SimulatedScan, table_1: ChainParameters, views: int, table_z_m: float
+) -> None:
+    """The table is then below the workspace's content, so that no view shows a string, and none a bare table."""
+    scene = Scene(table_z_m, ((-0.15, 0.15), (-0.15, 0.15), (-0.1, table_z_m + 0.12)))
+    with pytest.raises(TableElsewhereError, match=r"no table within 50 mm of z = 0\.\d+ m: .* at z = -?0\.00\d m"):
+        ingest_views(scan.views[:views], table_1, scene)
+
+
 def test_a_table_where_it_is_given_changes_nothing(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
     ingested = ingest_views(scan.views, table_1, scene)
     assert ingested.moved_table is None

@@ -272,6 +272,17 @@ def test_a_table_at_another_height_is_measured(
         assert abs(measured_m) < 0.002
 
 
+@pytest.mark.parametrize("table_z_m", [0.02, -0.12])
+def test_a_table_far_from_the_given_height_is_measured_if_the_unit_is_given(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], table_z_m: float
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), f"--table-z={table_z_m}", "--depth-unit=0.0001"]) == 0
+    err = capsys.readouterr().err
+    assert f"not {table_z_m:g} m: measure the height" in err
+    assert abs(float(err.split("show the table at z = ")[1].split(" m")[0])) < 0.002
+
+
 def test_a_radius_in_millimetres_is_rejected(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -448,10 +459,24 @@ def test_a_table_at_another_height_is_named(
     folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
     assert main(["import", "frames", str(folder), str(out), "--table-z", str(table_z_m)]) == 1
     assert re.search(
-        r"with 0\.0001 m per count, the images show a level plane at z = -?0\.00\d m: if this is the table, give",
+        r"the images show a level plane at z = -?0\.00\d\d m with 0\.0001 m per count: if this is the table, give",
         capsys.readouterr().err,
     )
     assert not out.exists()
+
+
+def test_a_single_image_may_show_a_plane_with_several_units(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = write_folder(tmp_path / "in", recording), tmp_path / "out.mcap"
+    remove("9.png", "10.png", "11.png")(folder)
+    poses = json.loads((folder / "poses.json").read_text())
+    (folder / "poses.json").write_text(json.dumps(poses[:1]))
+    assert main(["import", "frames", str(folder), str(out), "--table-z", "0.08"]) == 1
+    err = capsys.readouterr().err
+    heights = {unit: float(z_m) for z_m, unit in re.findall(r"at z = (-?[\d.]+) m with ([\d.]+) m per count", err)}
+    assert len(heights) > 1
+    assert abs(heights["0.0001"]) < 0.002
 
 
 def test_inverted_flange_poses_are_recognised(
