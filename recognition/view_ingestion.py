@@ -37,6 +37,10 @@ from recognition.registration.measured_table import (
 )
 from recognition.registration.registration import Registration
 
+EARLY_PLANES = 2
+"""Minimum number of views that show the table, for a change of its place while further views may arrive. A single view
+shows it less accurately."""
+
 
 @dataclass(frozen=True, eq=False)
 class IngestedViews:
@@ -123,11 +127,11 @@ class _Ingestion:
         warp = measure_warp(samples) if len(samples) <= MAX_VIEWS else self.warp
         if is_similar(warp, self.warp, samples):
             self.add(view, plane)
-            return self.at_measured_table()
+            return self.at_measured_table(EARLY_PLANES)
         again = _Ingestion(self.parameters, self.scene, self.T_base_table, warp, self.samples)
         for earlier in (*self.views, view):
             again.add(earlier, measure_table(earlier, self.scene) if warp is None else None)
-        return again.at_measured_table()
+        return again.at_measured_table(EARLY_PLANES)
 
     def add(self, view: DepthView, plane: ViewPlane | None) -> None:
         """Preprocess a view with the table at `T_base_table` and the current warp.
@@ -156,8 +160,13 @@ class _Ingestion:
         compared = [self.clouds[k] for k in compared_earlier_views(self.clouds)]
         self.correspondences += find_correspondences(cloud, compared, self.parameters)
 
-    def at_measured_table(self) -> "_Ingestion":
-        """Return the ingestion of the same views with the table where they show it; itself, if it is there."""
+    def at_measured_table(self, min_planes: int = 1) -> "_Ingestion":
+        """Return the ingestion of the same views with the table where they show it; itself, if it is there.
+
+        With fewer than `min_planes` views that show the table, its place is not changed.
+        """
+        if sum(plane is not None for plane in self.planes) < min_planes:
+            return self
         table = find_moved_table(self.planes, self.scene.table_z_m)
         T = np.eye(4) if table is None else table.T_base_table
         if is_near(T, self.T_base_table, self.planes):
@@ -173,7 +182,8 @@ def ingest_views(
 ) -> IngestedViews:
     """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
 
-    As soon as the views show the table where it is not given, all views are preprocessed with the table where it is.
+    As soon as two views show the table where it is not given, all views are preprocessed with the table where it is. A
+    single view is, if it is the only one.
     As soon as the views show a warp of the camera, all views are preprocessed with corrected depth images.
 
     Args:
@@ -204,6 +214,7 @@ def ingest_views(
         if view.index in {target.view for target in ingestion.targets}:
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
         ingestion = ingestion.arrive(view)
+    ingestion = ingestion.at_measured_table()
     table = find_moved_table(ingestion.planes, scene.table_z_m)
     if table is not None:
         refuse_doubtful_table(table, ingestion.planes)

@@ -90,8 +90,8 @@ def single_view_findings(
     is_aligned = any(not np.array_equal(cloud.T_correction, np.eye(4)) for cloud in given if cloud.view == used[0])
     if not is_aligned:
         message = (
-            f"view {used[0]}, the only one, shows too little of the table to check its pose: the camera may have "
-            "moved; verify the calibration, or choose a view that shows more of the table"
+            f"view {used[0]}, the only one, shows too little of the table in the workspace to check its pose: the "
+            "camera may have moved; verify the calibration, or choose a view that shows more of the table"
         )
         ids = [chain.id for chain in chains]
         findings.append(finding("single-view-not-aligned", message, chains=ids, view=used[0]))
