@@ -50,7 +50,7 @@ class NoDepthError(RecognitionError):
 
 
 class TableElsewhereError(RecognitionError):
-    """The views show the table too far from where it is given, in height or tilt."""
+    """The views show the table too far from where it is given, in height or tilt, or show nothing near it."""
 
     slug = "table-elsewhere"
 

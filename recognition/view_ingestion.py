@@ -26,7 +26,6 @@ from recognition.preprocessing.table_measurement import SEARCH_M, ViewPlane, hei
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
 from recognition.preprocessing.view_selection import exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
-from recognition.registration.given_table import GivenTableError, given_table_error
 from recognition.registration.measured_table import (
     MeasuredTable,
     MovedView,
@@ -36,6 +35,7 @@ from recognition.registration.measured_table import (
     refuse_doubtful_table,
 )
 from recognition.registration.registration import Registration
+from recognition.registration.table_error import TableErrorEstimate, estimate_table_error
 
 EARLY_PLANES = 2
 """Minimum number of views that show the table, for a change of its place while further views may arrive. A single view
@@ -76,7 +76,7 @@ class IngestedViews:
     """(4, 4) motion that moves the given table to where the views were assumed to show it, metres."""
     moved_table: MeasuredTable | None = None
     """Where all views show the table, if it is not where it is given, else None."""
-    given_error: GivenTableError | None = None
+    table_error: TableErrorEstimate | None = None
     """Error that the given table may have; None if the table was moved, or if no view shows it."""
     warp: DepthWarp | None = None
     """Slow depth error of the camera that was corrected, or None."""
@@ -249,7 +249,7 @@ def ingest_views(
         planes=ingestion.planes,
         T_base_table=ingestion.T_base_table,
         moved_table=table,
-        given_error=None if table is not None or seen is None else given_table_error(seen),
+        table_error=None if table is not None or seen is None else estimate_table_error(seen),
         warp=ingestion.warp,
         samples=ingestion.samples,
     )

@@ -22,7 +22,7 @@ def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
 
     The bend angle at a point is the angle between two directions: over two radii before and two radii after the point.
     At a bend above `MAX_LOOSE_BEND_RAD`, a chain may have taken the wrong strand, or the string is pulled tight around
-    another one. Above `MAX_BEND_RAD`, it has taken the wrong strand.
+    another one. Above `MAX_BEND_RAD`, it has probably taken the wrong strand.
 
     Args:
         chains: Chains of the model. Chains shorter than four radii are not checked.

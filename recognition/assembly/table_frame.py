@@ -13,23 +13,23 @@ from recognition.model.findings import Finding, finding
 from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from recognition.preprocessing.height_map import HeightMap
-from recognition.registration.given_table import GivenTableError
 from recognition.registration.measured_table import MAX_SIGMA, MeasuredTable, describe_table
 from recognition.registration.pose_prior import given_pose_covariance
 from recognition.registration.registration import Registration, transform_cloud
+from recognition.registration.table_error import TableErrorEstimate
 
 MIN_PROBABILITY = 0.5
 """Minimum probability that the given table is off, for a note."""
 
 
 def table_findings(
-    table: MeasuredTable | None, given_error: GivenTableError | None, chains: Sequence[Chain]
+    table: MeasuredTable | None, table_error: TableErrorEstimate | None, chains: Sequence[Chain]
 ) -> list[Finding]:
     """Return the finding on a table that is not, or may not be, where it is given; none if the views agree with it.
 
     Args:
         table: Where the views show the table, if it is not where it is given: a doubt that concerns all chains.
-        given_error: Error that the given table may have. If it is probable, a note: `sigma_m` contains it.
+        table_error: Error that the given table may have. If it is probable, a note: `sigma_m` contains it.
         chains: Chains of the model.
     """
     if table is not None:
@@ -39,17 +39,17 @@ def table_findings(
         )
         ids = [chain.id for chain in chains]
         return [finding("table-elsewhere", message, chains=ids, value=table.distance_sigma, limit=MAX_SIGMA)]
-    if given_error is None or given_error.probability <= MIN_PROBABILITY:
+    if table_error is None or table_error.probability <= MIN_PROBABILITY:
         return []
     message = (
-        f"{describe_table(given_error.measured)}, which errors of the poses hardly explain: the given table was used, "
+        f"{describe_table(table_error.measured)}, which errors of the poses hardly explain: the given table was used, "
         "and sigma_m contains this difference; measure table_z_m again, or verify the calibration"
     )
-    return [finding("table-uncertain", message, value=given_error.probability, limit=MIN_PROBABILITY)]
+    return [finding("table-uncertain", message, value=table_error.probability, limit=MIN_PROBABILITY)]
 
 
 def add_table_error(
-    registration: Registration, table: MeasuredTable | None, given_error: GivenTableError | None
+    registration: Registration, table: MeasuredTable | None, table_error: TableErrorEstimate | None
 ) -> Registration:
     """Return the registration with the error of the table to which the views were aligned.
 
@@ -59,7 +59,7 @@ def add_table_error(
     Args:
         registration: Registered views.
         table: Measured table to which the views were aligned, or None.
-        given_error: Error that the given table may have, if the views were aligned to it, or None.
+        table_error: Error that the given table may have, if the views were aligned to it, or None.
     """
     if table is not None:
         registration = replace(registration, hand_eye_error=None)
@@ -67,8 +67,8 @@ def add_table_error(
             covariance = given_pose_covariance(registration.clouds[0], registration.centre)
             return replace(registration, covariance=covariance)
         common = table.pose_covariance(table.covariance, registration.centre)
-    elif given_error is not None:
-        common = given_error.measured.pose_covariance(given_error.covariance, registration.centre)
+    elif table_error is not None:
+        common = table_error.measured.pose_covariance(table_error.covariance, registration.centre)
     else:
         return registration
     n = len(registration.clouds)

@@ -16,8 +16,8 @@ from recognition.model.quality import Quality
 from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.registration.given_table import GivenTableError
 from recognition.registration.measured_table import MeasuredTable
+from recognition.registration.table_error import TableErrorEstimate
 
 pytestmark = pytest.mark.slow
 
@@ -124,7 +124,7 @@ def test_the_error_of_the_table_is_common_to_all_views(lifted: Recognition) -> N
     covariance = np.diag([1e-6, 4e-6, 9e-8])
     table = MeasuredTable(registration.centre, np.zeros(3), covariance)
     moved = add_table_error(registration, table, None)
-    given = add_table_error(registration, None, GivenTableError(covariance, 0.9, table))
+    given = add_table_error(registration, None, TableErrorEstimate(covariance, 0.9, table))
     for added in (moved.covariance - registration.covariance, given.covariance - registration.covariance):
         for i, j in ((0, 0), (0, 1), (2, 5)):
             block = added[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]

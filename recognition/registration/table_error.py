@@ -23,7 +23,7 @@ WRONG_TILT_RAD = float(np.deg2rad(0.5))
 
 
 @dataclass(frozen=True, eq=False)
-class GivenTableError:
+class TableErrorEstimate:
     """Error that the given plane may have, as the views show it."""
 
     covariance: NDArray[np.float64]
@@ -34,7 +34,7 @@ class GivenTableError:
     """Plane that the views show."""
 
 
-def given_table_error(table: MeasuredTable) -> GivenTableError:
+def estimate_table_error(table: MeasuredTable) -> TableErrorEstimate:
     """Return the error that the given plane may have, from the plane that the views show.
 
     Height and tilt are judged separately. Both hypotheses are Gaussian: the measured offset has the covariance of the
@@ -51,7 +51,7 @@ def given_table_error(table: MeasuredTable) -> GivenTableError:
         error = gain @ offset
         covariance[block] = probability * (prior - gain @ prior + np.outer(error, error))
         probabilities.append(probability)
-    return GivenTableError(covariance, max(probabilities), table)
+    return TableErrorEstimate(covariance, max(probabilities), table)
 
 
 def _log_density(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
