@@ -28,23 +28,23 @@ def connection_findings(pairs: Iterable[AmbiguousPair], chains: Sequence[Chain])
     for pair in pairs:
         middle = pair.points.mean(axis=0)
         half_gap = float(np.linalg.norm(pair.points[1] - pair.points[0])) / 2
-        message = (
-            f"at {format_position(middle)} the strands may be connected differently: which ends belong together is not "
-            "certain"
-        )
-        findings += [
-            finding(
-                "connection-uncertain",
-                message,
-                chains=(chain.id,),
-                s_range_m=part,
-                point=middle,
-                value=pair.margin,
-                limit=MIN_CERTAIN_MARGIN,
-            )
-            for chain in chains
-            for part in _parts_near(chain, middle, half_gap + MARGIN_RADII * chain.radius_m)
-        ]
+        for chain in chains:
+            for start, stop in _parts_near(chain, middle, half_gap + MARGIN_RADII * chain.radius_m):
+                message = (
+                    f"chain {chain.id}, {start * 1000:.0f} to {stop * 1000:.0f} mm along it: the strands at "
+                    f"{format_position(middle)} may be connected differently; which ends belong together is not certain"
+                )
+                findings.append(
+                    finding(
+                        "connection-uncertain",
+                        message,
+                        chains=(chain.id,),
+                        s_range_m=(start, stop),
+                        point=middle,
+                        value=pair.margin,
+                        limit=MIN_CERTAIN_MARGIN,
+                    )
+                )
     return findings
 
 

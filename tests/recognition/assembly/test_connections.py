@@ -32,7 +32,9 @@ def test_the_doubt_concerns_the_gap_and_two_radii_on_both_sides() -> None:
     assert (found.code, found.severity, found.chains) == ("connection-uncertain", "doubt", (0,))
     assert found.point_m == pytest.approx((0.1, 0.0, R), abs=1e-12)
     assert (found.value, found.limit) == (0.5, MIN_CERTAIN_MARGIN)
-    assert found.message.startswith("at (100, 0, 4) mm the strands may be connected differently")
+    assert found.message.startswith(
+        "chain 0, 84 to 116 mm along it: the strands at (100, 0, 4) mm may be connected differently"
+    )
     # 10 mm and 8 mm on both sides, to the next point within this distance.
     assert found.s_range_m == pytest.approx((0.084, 0.116), abs=1e-9)
     reach = 0.01 + MARGIN_RADII * R
