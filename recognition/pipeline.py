@@ -231,7 +231,7 @@ def recognise(
 
     timer.begin("registration")
     registration = register(ingested.clouds, parameters, ingested.correspondences, table_z_m=scene.table_z_m)
-    registration = add_table_error(registration, ingested.moved_table, ingested.table_error)
+    registration = add_table_error(registration, ingested.table)
     support = SupportSurface(scene.table_z_m, merge_heights(ingested, registration))
 
     timer.begin("centre_line")
@@ -285,7 +285,7 @@ def recognise(
         *unobserved_end_findings(chains, scene, parameters),
         *unexplained_findings(unexplained, parameters),
         *drift_findings(registration, chains),
-        *table_findings(ingested.moved_table, ingested.table_error, chains),
+        *table_findings(ingested.table, chains),
         *warp_findings(ingested.warp),
         *single_view_findings(registration.views, ingested.clouds, chains),
         *noise_findings(registration, parameters),
@@ -384,7 +384,7 @@ def _without_string(
     findings = (
         *(() if measured else other_radius_findings(ingested.views, scene, parameters, (), ())),
         finding("no-string-in-view", ingested.no_string_reason),
-        *table_findings(ingested.moved_table, ingested.table_error, ()),
+        *table_findings(ingested.table, ()),
         *warp_findings(ingested.warp),
         *view_findings(ingested.excluded, [target.view for target in ingested.targets], ()),
         *coverage_findings(ingested.targets, (), scene),

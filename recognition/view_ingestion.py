@@ -35,7 +35,6 @@ from recognition.registration.measured_table import (
     refuse_doubtful_table,
 )
 from recognition.registration.registration import Registration
-from recognition.registration.table_error import TableErrorEstimate, estimate_table_error
 
 EARLY_PLANES = 2
 """Minimum number of views that show the table, for a change of its place while further views may arrive. A single view
@@ -74,14 +73,17 @@ class IngestedViews:
     """Plane of the table that each view shows at its given pose, base frame."""
     T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     """(4, 4) motion that moves the given table to where the views were assumed to show it, metres."""
-    moved_table: MeasuredTable | None = None
-    """Where all views show the table, if it is not where it is given, else None."""
-    table_error: TableErrorEstimate | None = None
-    """Error that the given table may have; None if the table was moved, or if no view shows it."""
+    table: MeasuredTable | None = None
+    """Where the views show the table; None if no view shows it."""
     warp: DepthWarp | None = None
     """Slow depth error of the camera that was corrected, or None."""
     samples: Sequence[TableSample | None] = ()
     """Pixels on the table in each view as captured; None for a view that shows too little of it."""
+
+    @property
+    def moved_table(self) -> MeasuredTable | None:
+        """Where the views show the table, if it is not where it is given, else None."""
+        return self.table if self.table is not None and self.table.is_elsewhere else None
 
 
 @dataclass(eq=False)
@@ -215,10 +217,9 @@ def ingest_views(
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
         ingestion = ingestion.arrive(view)
     ingestion = ingestion.at_measured_table()
-    table = find_moved_table(ingestion.planes, scene.table_z_m)
-    if table is not None:
+    table = locate_table([plane for plane in ingestion.planes if plane is not None], scene.table_z_m)
+    if table is not None and table.is_elsewhere:
         refuse_doubtful_table(table, ingestion.planes)
-    seen = locate_table([plane for plane in ingestion.planes if plane is not None], scene.table_z_m)
     targets, clouds, crowded = ingestion.targets, ingestion.clouds, ingestion.crowded
     selection = select_views(targets)
     no_string_reason, excluded = None, selection.excluded
@@ -248,8 +249,7 @@ def ingest_views(
         no_string_reason=no_string_reason,
         planes=ingestion.planes,
         T_base_table=ingestion.T_base_table,
-        moved_table=table,
-        table_error=None if table is not None or seen is None else estimate_table_error(seen),
+        table=table,
         warp=ingestion.warp,
         samples=ingestion.samples,
     )

@@ -32,6 +32,10 @@ DEPTHS_M = (0.1, 3.0)
 SAMPLE = 10_000
 """Largest number of measured pixels of each image that are compared."""
 
+Sample = tuple[float, NDArray[np.float64], NDArray[np.float64]]
+"""Height of the camera, metres, and the rays and depths (N,) of up to `SAMPLE` measured pixels of an image. A ray is
+the rise in the base frame per unit of depth."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frames:
@@ -87,24 +91,29 @@ def table_offset_m(frames: Frames, table_z_m: float, unit_m: float) -> float | N
         Metres. If fewer than `SURE_SHARE` of the measured pixels are within `NEAR_M` of that height, the distance of
         another level plane; None if there is none.
     """
-    heights_m = np.concatenate([z_m + unit_m * values * rays - table_z_m for z_m, rays, values in _sampled(frames)])
+    samples = list(_sampled(frames))
+    heights_m = _heights_m(samples, unit_m) - table_z_m
     near = np.abs(heights_m) < NEAR_M
     if near.mean() >= SURE_SHARE:
         return float(np.median(heights_m[near]))
-    z_m = _level_plane_m(frames, table_z_m, unit_m)
+    z_m = _level_plane_m(samples, table_z_m, unit_m)
     return None if z_m is None else z_m - table_z_m
 
 
-def _level_plane_m(frames: Frames, table_z_m: float, unit_m: float) -> float | None:
+def _heights_m(samples: Sequence[Sample], unit_m: float) -> NDArray[np.float64]:
+    """Return the heights (N,) of all samples in the base frame."""
+    return np.concatenate([camera_z_m + unit_m * values * rays for camera_z_m, rays, values in samples])
+
+
+def _level_plane_m(samples: Sequence[Sample], table_z_m: float, unit_m: float) -> float | None:
     """Return the height of the level plane that most of the images show with a unit, metres; None if there is none.
 
     With a wrong unit, the table is at another height in each image. A single image may therefore show a plane with
     several units.
     """
-    samples = list(_sampled(frames))
     if not DEPTHS_M[0] <= unit_m * float(np.median(np.concatenate([values for *_, values in samples]))) <= DEPTHS_M[1]:
         return None
-    heights_m = np.concatenate([z_m + unit_m * values * rays for z_m, rays, values in samples])
+    heights_m = _heights_m(samples, unit_m)
     edges = np.arange(table_z_m - SEARCH_M, table_z_m + SEARCH_M + PLANE_M, PLANE_M)
     middle = edges[int(np.histogram(heights_m, edges)[0].argmax())] + PLANE_M / 2
     near = np.abs(heights_m - middle) < PLANE_M
@@ -142,7 +151,8 @@ def guess_unit(frames: Frames, table_z_m: float, units: NDArray[np.float64]) -> 
             f"depths go up to {largest:g}, which metres cannot be, and millimetres do not put the table at z = "
             f"{table_z_m:g} m: give --depth-unit, metres per unit"
         )
-    planes = {unit: _level_plane_m(frames, table_z_m, unit) for unit in _common_units(frames)}
+    samples = list(_sampled(frames))
+    planes = {unit: _level_plane_m(samples, table_z_m, unit) for unit in _common_units(frames)}
     level = [f"z = {z_m:.4f} m with {unit:g} m per count" for unit, z_m in planes.items() if z_m is not None]
     if level:
         raise FramesError(
@@ -194,11 +204,8 @@ def check_poses(frames: Frames, table_z_m: float, unit_m: float | None, units: N
         )
 
 
-def _sampled(frames: Frames) -> Iterator[tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield the camera's height, and the rays and depths (N,) of up to `SAMPLE` measured pixels, for each image.
-
-    A ray is the rise in the base frame per unit of depth.
-    """
+def _sampled(frames: Frames) -> Iterator[Sample]:
+    """Yield the sample of each image."""
     rng = np.random.default_rng(0)  # a fixed stride would miss a pattern of the same period
     for k, values in enumerate(frames.values):
         rows, columns = np.nonzero(measured(values))

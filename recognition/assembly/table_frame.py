@@ -16,63 +16,63 @@ from recognition.preprocessing.height_map import HeightMap
 from recognition.registration.measured_table import MAX_SIGMA, MeasuredTable, describe_table
 from recognition.registration.pose_prior import given_pose_covariance
 from recognition.registration.registration import Registration, transform_cloud
-from recognition.registration.table_error import TableErrorEstimate
+from recognition.registration.table_error import estimate_table_error
 
 MIN_PROBABILITY = 0.5
 """Minimum probability that the given table is off, for a note."""
 
 
-def table_findings(
-    table: MeasuredTable | None, table_error: TableErrorEstimate | None, chains: Sequence[Chain]
-) -> list[Finding]:
+def table_findings(table: MeasuredTable | None, chains: Sequence[Chain]) -> list[Finding]:
     """Return the finding on a table that is not, or may not be, where it is given; none if the views agree with it.
 
+    A table that is not where it is given is a doubt that concerns all chains. One that probably is not is a note,
+    because `sigma_m` contains its error.
+
     Args:
-        table: Where the views show the table, if it is not where it is given: a doubt that concerns all chains.
-        table_error: Error that the given table may have. If it is probable, a note: `sigma_m` contains it.
+        table: Where the views show the table; None if no view shows it.
         chains: Chains of the model.
     """
-    if table is not None:
+    if table is None:
+        return []
+    if table.is_elsewhere:
         message = (
             f"{describe_table(table)}; heights were measured from the table as the views show it: correct table_z_m or "
             "level the table; if the table is where it is given, calibrate"
         )
         ids = [chain.id for chain in chains]
         return [finding("table-elsewhere", message, chains=ids, value=table.distance_sigma, limit=MAX_SIGMA)]
-    if table_error is None or table_error.probability <= MIN_PROBABILITY:
+    probability = estimate_table_error(table).probability
+    if probability <= MIN_PROBABILITY:
         return []
     message = (
-        f"{describe_table(table_error.measured)}, which errors of the poses hardly explain: the given table was used, "
-        "and sigma_m contains this difference; measure table_z_m again, or verify the calibration"
+        f"{describe_table(table)}, which errors of the poses hardly explain: the given table was used, and sigma_m "
+        "contains this difference; measure table_z_m again, or verify the calibration"
     )
-    return [finding("table-uncertain", message, value=table_error.probability, limit=MIN_PROBABILITY)]
+    return [finding("table-uncertain", message, value=probability, limit=MIN_PROBABILITY)]
 
 
-def add_table_error(
-    registration: Registration, table: MeasuredTable | None, table_error: TableErrorEstimate | None
-) -> Registration:
+def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:
     """Return the registration with the error of the table to which the views were aligned.
 
-    The poses of all views have this error. If they were aligned to a measured table, they do not show the hand-eye
-    error, because the table was computed from the same views. A single view then has the whole error of its given pose.
+    The poses of all views have this error. If the table is not where it is given, the views were aligned to the
+    measured one. They then do not show the hand-eye error, because this table was computed from the same views, and a
+    single view has the whole error of its given pose.
 
     Args:
         registration: Registered views.
-        table: Measured table to which the views were aligned, or None.
-        table_error: Error that the given table may have, if the views were aligned to it, or None.
+        table: Where the views show the table. None, if no view shows it, returns the registration as it is.
     """
-    if table is not None:
+    if table is None:
+        return registration
+    if table.is_elsewhere:
         registration = replace(registration, hand_eye_error=None)
         if len(registration.clouds) == 1:
             covariance = given_pose_covariance(registration.clouds[0], registration.centre)
             return replace(registration, covariance=covariance)
-        common = table.pose_covariance(table.covariance, registration.centre)
-    elif table_error is not None:
-        common = table_error.measured.pose_covariance(table_error.covariance, registration.centre)
-    else:
-        return registration
+    error = table.covariance if table.is_elsewhere else estimate_table_error(table).covariance
     n = len(registration.clouds)
-    return replace(registration, covariance=registration.covariance + np.tile(common, (n, n)))
+    common = np.tile(table.pose_covariance(error, registration.centre), (n, n))
+    return replace(registration, covariance=registration.covariance + common)
 
 
 def move_registration(registration: Registration, T: NDArray[np.float64]) -> Registration:

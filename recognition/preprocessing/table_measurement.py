@@ -24,7 +24,7 @@ planes that are compared."""
 MIN_SHARE = 0.2
 """Minimum number of inliers, as a share of the points in the search range."""
 MAX_NEAR_SHARE = 0.05
-"""Maximum share of the points in the search range of a view that shows no table there: depth errors may lie there."""
+"""Maximum share of the points in the search range, in a view that shows no table there. They may be depth errors."""
 MIN_OTHER_SHARE = 0.15
 """Minimum share of the points on a second plane, for example that of a large flat object on the table."""
 

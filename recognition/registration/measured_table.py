@@ -63,6 +63,11 @@ class MeasuredTable:
         return float(np.sqrt(self.offset @ np.linalg.solve(self.covariance, self.offset)))
 
     @property
+    def is_elsewhere(self) -> bool:
+        """Whether errors of the poses do not explain the offset."""
+        return self.distance_sigma > MAX_SIGMA
+
+    @property
     def T_base_table(self) -> NDArray[np.float64]:
         """(4, 4) motion of the given plane to the measured one, base to base, metres."""
         slope = max(float(np.hypot(self.offset[0], self.offset[1])), 1e-12)
@@ -164,7 +169,7 @@ def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> Me
         table_z_m: Given height of the table, metres, base frame.
     """
     table = locate_table([plane for plane in planes if plane is not None], table_z_m)
-    return None if table is None or table.distance_sigma <= MAX_SIGMA else table
+    return table if table is not None and table.is_elsewhere else None
 
 
 def refuse_doubtful_table(table: MeasuredTable, planes: Sequence[ViewPlane | None]) -> None:

@@ -9,7 +9,7 @@ error in the camera frame (6), and the disparity offset (1). A twist has the ord
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,17 +104,14 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
     return PosePrior(information, gradient, tuple(robot_errors))
 
 
-def given_pose_covariance(
-    cloud: NormalCloud, centre: NDArray[np.float64], sigmas: PoseSigmas | None = None
-) -> NDArray[np.float64]:
-    """Return the covariance (6, 6) of the error of a single view whose table shows nothing about it.
+def given_pose_covariance(cloud: NormalCloud, centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the covariance (6, 6) of the pose error of a single view whose table shows nothing about it.
 
     Args:
         cloud: The view.
         centre: (3,) rotation centre of the twist, metres, base frame.
-        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
     """
-    prior = pose_prior([cloud], centre, replace(sigmas or PoseSigmas(), table_m=np.inf, table_rad=np.inf))
+    prior = pose_prior([cloud], centre, PoseSigmas(table_m=np.inf, table_rad=np.inf))
     return np.asarray(np.linalg.inv(prior.information)[:6, :6], dtype=np.float64)
 
 

@@ -30,8 +30,6 @@ class TableErrorEstimate:
     """(3, 3) expected square of the error: rotation about x and y (rad), and height at the centre of the table (m)."""
     probability: float
     """Probability that the given plane is off, by height or by tilt; the larger of the two."""
-    measured: MeasuredTable
-    """Plane that the views show."""
 
 
 def estimate_table_error(table: MeasuredTable) -> TableErrorEstimate:
@@ -51,7 +49,7 @@ def estimate_table_error(table: MeasuredTable) -> TableErrorEstimate:
         error = gain @ offset
         covariance[block] = probability * (prior - gain @ prior + np.outer(error, error))
         probabilities.append(probability)
-    return TableErrorEstimate(covariance, max(probabilities), table)
+    return TableErrorEstimate(covariance, max(probabilities))
 
 
 def _log_density(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

@@ -300,7 +300,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "table-elsewhere": ProblemType(
         title="The table is not where it is configured",
         status=422,
-        cause="The views show the table over 20 mm or 4 degrees from its given place, two planes there, or nothing.",
+        cause="The views show the table over 20 mm or 4 degrees from its place, two planes there, or nothing near it.",
         action="Correct `mounting.table_z_m` or level the table. If the table is where it is given, calibrate.",
         group="Check string and table",
     ),

@@ -173,7 +173,7 @@ def test_views_are_preprocessed_with_the_table_where_they_show_it(
 def test_views_of_nothing_near_the_given_table_are_refused(
     scan: SimulatedScan, table_1: ChainParameters, views: int, table_z_m: float
 ) -> None:
-    """The table is then below the workspace's content, so that no view shows a string, and none a bare table."""
+    """All that the views show is far below the given table, so they show neither a string nor a bare table."""
     scene = Scene(table_z_m, ((-0.15, 0.15), (-0.15, 0.15), (-0.1, table_z_m + 0.12)))
     with pytest.raises(TableElsewhereError, match=r"no table within 50 mm of z = 0\.\d+ m: .* at z = -?0\.00\d m"):
         ingest_views(scan.views[:views], table_1, scene)

@@ -17,7 +17,7 @@ from recognition.parameters import ChainParameters
 from recognition.pipeline import Recognition, recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.measured_table import MeasuredTable
-from recognition.registration.table_error import TableErrorEstimate
+from recognition.registration.table_error import estimate_table_error
 
 pytestmark = pytest.mark.slow
 
@@ -120,15 +120,16 @@ def test_a_moved_registration_and_its_covariance(lifted: Recognition) -> None:
 def test_the_error_of_the_table_is_common_to_all_views(lifted: Recognition) -> None:
     registration = lifted.registration
     assert registration is not None
-    assert add_table_error(registration, None, None) is registration
+    assert add_table_error(registration, None) is registration
     covariance = np.diag([1e-6, 4e-6, 9e-8])
-    table = MeasuredTable(registration.centre, np.zeros(3), covariance)
-    moved = add_table_error(registration, table, None)
-    given = add_table_error(registration, None, TableErrorEstimate(covariance, 0.9, table))
-    for added in (moved.covariance - registration.covariance, given.covariance - registration.covariance):
+    elsewhere, given = (
+        MeasuredTable(registration.centre, np.array([0.0, 0.0, height_m]), covariance) for height_m in (-0.006, 0.0006)
+    )
+    for table, error in ((elsewhere, covariance), (given, estimate_table_error(given).covariance)):
+        added = add_table_error(registration, table).covariance - registration.covariance
         for i, j in ((0, 0), (0, 1), (2, 5)):
             block = added[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
-            np.testing.assert_allclose(block, np.diag([1e-6, 4e-6, 0, 0, 0, 9e-8]), atol=1e-14)
+            np.testing.assert_allclose(block, np.diag([error[0, 0], error[1, 1], 0, 0, 0, error[2, 2]]), atol=1e-14)
 
 
 @pytest.mark.parametrize("height_m", [-0.0018, 0.0018])
@@ -141,7 +142,7 @@ def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: fl
         for z in (0.0, -height_m)
     )
     (found,) = [found for found in off.quality.findings if found.code == "table-uncertain"]
-    assert "1.8 mm higher" in found.message or "1.8 mm lower" in found.message
+    assert f"1.8 mm {'higher' if height_m > 0 else 'lower'} than given" in found.message
     assert (off.quality.verdict, level.quality.findings) == ("accept", ())
     error = off.chains[0].points[:, 2].mean() - level.chains[0].points[:, 2].mean()
     assert error == pytest.approx(-height_m, abs=0.0002)
@@ -159,6 +160,17 @@ def test_a_single_view_tells_a_table_that_is_elsewhere(height_m: float) -> None:
     assert model.quality.verdict == "review"
     distance = np.linalg.norm(model.chains[0].points[:, None] - true.chains[0].points[None], axis=2).min(axis=1)
     assert np.all(distance < 2 * model.chains[0].sigma_m)
+
+
+def test_a_single_view_tells_a_camera_that_was_tilted() -> None:
+    """The fixed camera was tilted by 1.72 degrees after its calibration."""
+    scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
+    T_error = from_rotation_vector((0, 0, 0), (0.03, 0, 0))
+    views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
+    model = recognise(views, ChainParameters.for_radius(0.0042), Scene(0.0, scan.header.workspace_m)).model
+    (found,) = [found for found in model.quality.findings if found.code == "table-elsewhere"]
+    # the alignment of the view to the table plane has a tilt error of 0.09 degrees (`PoseSigmas.table_rad`)
+    assert float(found.message.split("tilted by ")[1].split()[0]) == pytest.approx(1.72, abs=0.1)
 
 
 def test_heights_are_moved_with_the_plane(lifted: Recognition) -> None:
