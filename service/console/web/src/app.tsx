@@ -1,10 +1,7 @@
-import { CalibrationScreen } from "./calibration/calibration";
 import { Fault } from "./bar/fault";
-import { HistoryScreen } from "./history/history";
 import { Login } from "./login";
-import { ResultScreen } from "./result/result";
 import { addressOf, go, route, SCREENS } from "./route";
-import { ScanScreen } from "./scan/scan";
+import { LoadedScreen } from "./screens";
 import { caller, signOut } from "./state/session";
 import { findText, t } from "./texts/translate";
 import { useAction } from "./ui/action";
@@ -14,33 +11,26 @@ import { ManualLink, SECTIONS } from "./ui/manual";
 export function App() {
   if (caller.value === undefined) return <main id="main">{t("app.waiting")}</main>;
   if (caller.value === null) return <Login />;
+  const { screen, id } = route.value;
   return (
     <>
       <nav aria-label={t("app.screens")}>
-        {SCREENS.map((screen, k) => (
-          <a key={screen} href={addressOf(screen)} aria-current={route.value.screen === screen ? "page" : undefined}>
-            <kbd aria-hidden="true">{k + 1}</kbd> {t(`app.screen.${screen}`)}
+        {SCREENS.map((one, k) => (
+          <a key={one} href={addressOf(one)} aria-current={one === screen ? "page" : undefined}>
+            <kbd aria-hidden="true">{k + 1}</kbd> {t(`app.screen.${one}`)}
           </a>
         ))}
-        <ManualLink page={SECTIONS[route.value.screen]} name={t("help.page")}>
+        <ManualLink page={SECTIONS[screen]} name={t("help.page")}>
           {t("help.link")}
         </ManualLink>
         <CallerInfo />
       </nav>
       <Fault />
       <main id="main" tabIndex={-1}>
-        <CurrentScreen />
+        <LoadedScreen key={`${screen}/${id}`} screen={screen} id={id} />
       </main>
     </>
   );
-}
-
-function CurrentScreen() {
-  const { screen, id } = route.value;
-  if (screen === "result") return <ResultScreen key={id} id={id} />;
-  if (screen === "history") return <HistoryScreen key={id} id={id} />;
-  if (screen === "calibration") return <CalibrationScreen />;
-  return <ScanScreen />;
 }
 
 function CallerInfo() {

@@ -1,7 +1,12 @@
 import { effect } from "@preact/signals";
 import { render } from "preact";
 import "./console.css";
+import "./scan/scan.css";
+import "./viewer/viewer.css";
 import "./view3d/view3d.css";
+import "./result/result.css";
+import "./history/history.css";
+import "./calibration/calibration.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { atWork, cell } from "./state/cell";

@@ -1,12 +1,10 @@
-import "./calibration.css";
 import { useEffect, useState } from "preact/hooks";
 import { api, resultOf, type Run } from "../net/api";
 import { refreshCalibration, cell } from "../state/cell";
-import { canMaintain } from "../state/session";
+import { callerNames, canMaintain } from "../state/session";
 import { Failed, failureOf, type Failure } from "../ui/action";
 import { isActive } from "../texts/states";
 import { t } from "../texts/translate";
-import { callerNames } from "../scan/scan";
 import { ActiveCalibration } from "./active_calibration";
 import { PastRuns } from "./past_runs";
 import { RunPanel } from "./run_panel";

@@ -1,4 +1,3 @@
-import "./history.css";
 import { useState } from "preact/hooks";
 import { api, resultOf, type Scan } from "../net/api";
 import { changes, latest, show } from "../state/scans";

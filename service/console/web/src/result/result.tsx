@@ -1,4 +1,3 @@
-import "./result.css";
 import { useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import type { Model, Scan } from "../net/api";

@@ -1,8 +1,7 @@
-import "./scan.css";
 import { useEffect } from "preact/hooks";
 import { latestOriginal, running } from "../state/scans";
-import { caller, canOperate } from "../state/session";
-import { findText, t } from "../texts/translate";
+import { callerNames, canOperate } from "../state/session";
+import { t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { LastScan } from "./last_scan";
 import { Progress } from "./progress";
@@ -31,10 +30,4 @@ export function ScanScreen() {
       </div>
     </div>
   );
-}
-
-/** Return name and role of the caller, for people. */
-export function callerNames(): { name: string; role: string } {
-  const { name = "", role = "" } = caller.value ?? {};
-  return { name, role: findText(`app.role_name.${role}`) ?? role };
 }

@@ -1,5 +1,6 @@
 import { computed, signal } from "@preact/signals";
 import { api, resultOf, type Caller } from "../net/api";
+import { findText } from "../texts/translate";
 
 /** The signed-in caller; null: nobody; undefined: not requested yet. */
 export const caller = signal<Caller | null | undefined>(undefined);
@@ -29,4 +30,10 @@ export async function signIn(token: string): Promise<void> {
 export async function signOut(): Promise<void> {
   await resultOf(api.DELETE("/api/session"));
   await refreshSession();
+}
+
+/** Return name and role of the caller, for people. */
+export function callerNames(): { name: string; role: string } {
+  const { name = "", role = "" } = caller.value ?? {};
+  return { name, role: findText(`app.role_name.${role}`) ?? role };
 }

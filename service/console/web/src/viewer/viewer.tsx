@@ -1,4 +1,3 @@
-import "./viewer.css";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { cell } from "../state/cell";
 import { lost } from "../state/freshness";
