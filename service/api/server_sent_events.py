@@ -1,6 +1,7 @@
 """Streams of server-sent events: the past changes, then each new one, without gaps or duplicates."""
 
 import json
+import time
 from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from contextlib import aclosing
 from typing import Literal
@@ -13,7 +14,7 @@ from service.api.schemas.addresses import SCANS
 from service.api.schemas.scan_resource import scan_resource
 from service.api.schemas.scans import ScanSummary
 from service.errors import Failure
-from service.events.cell_events import CellEvent
+from service.events.cell_events import ArmEvent, CellEvent
 from service.events.hub import Mark, Subscriber
 from service.problems.document import failure_document
 from service.states import ACTIVE_STATES
@@ -21,6 +22,8 @@ from service.storage.event_log import MissedEvents, ScanEvent, ScanEvents, ScanS
 
 PING_S = 15.0
 """Time without an event after which a comment is sent, so that no proxy drops the connection as idle."""
+ARM_PERIOD_S = 0.1
+"""Period at which the posture of the arm is read for a stream that has it."""
 RETRY = format_sse_event(retry=2000)
 """Tells a client to reconnect 2000 ms after it has lost the stream."""
 STOPPING_COMMENT = format_sse_event(comment="the service is stopping")
@@ -102,6 +105,7 @@ async def scan_stream(
 async def all_stream(
     events: ScanEvents,
     cell: Callable[[], CellEvent],
+    arm: Callable[[], ArmEvent] | None,
     subscriber: EventSubscriber,
     missed: list[ScanEvent],
     snapshot_kind: SnapshotKind,
@@ -114,6 +118,7 @@ async def all_stream(
     Args:
         events: The stored events.
         cell: Returns the present state of the cell.
+        arm: Returns the present posture of the arm, of which each change is sent too. None: it is not sent.
         subscriber: Subscribed to everything since before `missed` was read.
         missed: The events of scans after the event `last_id`.
         snapshot_kind: Name of the first event.
@@ -124,10 +129,19 @@ async def all_stream(
     for event in missed:
         yield change_event(event)
         last_id = event.id
+    sent_arm: ArmEvent | None = None
+    sent_at = time.monotonic()
     while True:
-        item = await subscriber.next(PING_S)
+        item = await subscriber.next(PING_S if arm is None else ARM_PERIOD_S)
         if item is None:
-            yield KEEPALIVE_COMMENT
+            posture = None if arm is None else arm()
+            if posture is not None and posture != sent_arm:
+                sent_arm = posture
+                yield format_sse_event(data_str=posture.text, event="arm")
+            elif arm is None or time.monotonic() - sent_at >= PING_S:
+                yield KEEPALIVE_COMMENT
+            else:
+                continue
         elif item is Mark.CLOSED:
             yield STOPPING_COMMENT
             return
@@ -136,9 +150,10 @@ async def all_stream(
             yield _cell_event("resync", cell(), last_id)
         elif isinstance(item, CellEvent):
             yield _cell_event("cell", item)
-        elif isinstance(item, ScanEvent) and item.id > last_id:
+        elif item.id > last_id:
             yield change_event(item)
             last_id = item.id
+        sent_at = time.monotonic()
 
 
 def change_event(event: ScanEvent) -> bytes:

@@ -5,9 +5,15 @@ from functools import cached_property
 from json import dumps
 from typing import Any
 
+import numpy as np
+
 from cell.control.cell import Cell
 from cell.control.status import CellStatus, State
+from cell.errors import RobotLostError
 from service.events.hub import EventHub
+
+Q_DIGITS = 4
+"""Digits of joint angles in events: 0.1 mrad is more than the noise of an arm at rest."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +33,27 @@ class CellEvent:
 def cell_event(status: CellStatus) -> CellEvent:
     """Return the event of a cell status."""
     return CellEvent(status.state, None if status.slug is None else f"urn:pointchain:{status.slug}", status.reason)
+
+
+@dataclass(frozen=True)
+class ArmEvent:
+    """Joint angles of the arm, for drawing it. They are null while they are unknown."""
+
+    q_rad: tuple[float, ...] | None
+    moving: bool | None
+
+    @cached_property
+    def text(self) -> str:
+        """The event as JSON."""
+        return dumps(asdict(self))
+
+
+def arm_event(status: CellStatus) -> ArmEvent:
+    """Return the present posture of the arm. It is unknown if the cell is not connected or the robot is lost."""
+    state = status.arm_state
+    if state is None or status.state == "not_ready" or status.slug == RobotLostError.slug:
+        return ArmEvent(None, None)
+    return ArmEvent(tuple(np.round(state.q_rad, Q_DIGITS).tolist()), None if status.state == "fault" else state.moving)
 
 
 def publish_changes(cell: Cell, hub: EventHub[Any]) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 from cell.control.cell import Cell
 from cell.control.stop_requests import STOPPED_SINCE
 from cell.errors import StoppedError
+from cell.planning.viewpoints import ViewpointPlan
 from recognition.grasping.gripper import Gripper
 from service.errors import ServiceError
 from service.jobs.calibration_drift import DriftWatch
@@ -142,6 +143,11 @@ class Jobs:
             ServiceError: `cell-busy`, a job is running.
         """
         return self._lock.reserved()
+
+    def plan_of(self, scan_id: str) -> ViewpointPlan | None:
+        """Return the plan of a live scan. None before it is planned, and when a later one was planned."""
+        planned = self._scans.planned
+        return planned[1] if planned is not None and planned[0] == scan_id else None
 
     def is_drawing(self, scan_id: str) -> bool:
         """Return whether the preview of a scan that has a result is still being drawn."""

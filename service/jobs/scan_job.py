@@ -12,6 +12,7 @@ from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
 from cell.errors import CellError
 from cell.planning.expected_duration import ExpectedDuration
+from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
 from service.errors import Failure
@@ -36,7 +37,7 @@ log = logging.getLogger(__name__)
 
 
 class ScanWork:
-    """Does scans, one at a time, in one thread. `drawing` may be read from any thread."""
+    """Does scans, one at a time, in one thread. `drawing` and `planned` may be read from any thread."""
 
     def __init__(
         self,
@@ -53,6 +54,8 @@ class ScanWork:
         self._drift, self._metrics = drift, metrics
         self.drawing: str | None = None
         """Id of the scan whose result is stored and whose preview is being drawn."""
+        self.planned: tuple[str, ViewpointPlan] | None = None
+        """Id and plan of the last live scan that was planned."""
 
     def describe(self, job: Job[ScanRow]) -> str:
         """Return what the scan is of."""
@@ -150,6 +153,7 @@ class ScanWork:
             **_expected(prepared.expected),
         }
         log.info("%s has its plan: %d views", job.label, len(prepared.plan.viewpoints))
+        self.planned = job.row.id, prepared.plan
         planned = {"calibration_sha256": prepared.hand_eye.sha256, "timing": job.timing}
         self._store.scans.update(job.row.id, ("connecting",), state="preflight", **planned)
         return prepared

@@ -1,7 +1,7 @@
-"""Cache of small images, which are drawn on request, one at a time.
+"""Cache of small images and clouds, which are made on request, one at a time.
 
 Reading and drawing a view takes 0.1 to 0.2 s. Most of this time the interpreter is busy, and a stop would wait for it.
-Each image is therefore drawn once for all clients.
+Each image is therefore made once for all clients.
 """
 
 import hashlib
@@ -17,12 +17,12 @@ from service.api.file_responses import matches, not_modified_response, tag_of_ha
 from service.problems.problem_error import ProblemError
 
 MAX_IMAGES = 64
-"""Number of images that are kept. A usual image has at most 200 kB."""
+"""Number of images and clouds that are kept. A usual one has at most 200 kB."""
 
 
 @dataclass(frozen=True)
 class _Image:
-    png: bytes
+    content: bytes
     etag: str
 
 
@@ -36,24 +36,27 @@ class ImageCache:
         self._images: OrderedDict[Hashable, _Image] = OrderedDict()
         self._drawing = CapacityLimiter(1)
 
-    async def respond(self, key: Hashable, if_none_match: str | None, draw: Callable[[], bytes]) -> Response:
-        """Return the cached PNG for `key`, or the one that `draw` returns, or 304 if the client has it.
+    async def respond(
+        self, key: Hashable, if_none_match: str | None, draw: Callable[[], bytes], media_type: str = "image/png"
+    ) -> Response:
+        """Return the cached image for `key`, or the one that `draw` returns, or 304 if the client has it.
 
         Args:
             key: Names everything that the image depends on.
             if_none_match: The request's header If-None-Match.
-            draw: Makes the PNG. It may block. Its exceptions reach the caller.
+            draw: Makes the image. It may block. Its exceptions reach the caller.
+            media_type: Media type of the image.
         """
         image = self._images.get(key)
         if image is None:
-            png = await to_thread.run_sync(draw, limiter=self._drawing)
-            image = self._images[key] = _Image(png, tag_of_hash(hashlib.sha256(png).hexdigest()))
+            content = await to_thread.run_sync(draw, limiter=self._drawing)
+            image = self._images[key] = _Image(content, tag_of_hash(hashlib.sha256(content).hexdigest()))
             if len(self._images) > MAX_IMAGES:
                 self._images.popitem(last=False)
         self._images.move_to_end(key)
         if matches(if_none_match, image.etag):
             return not_modified_response(image.etag)
-        return Response(image.png, media_type="image/png", headers={"ETag": image.etag})
+        return Response(image.content, media_type=media_type, headers={"ETag": image.etag})
 
 
 def shrink_image(png: bytes, width: int) -> bytes:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from anyio import to_thread
-from fastapi import APIRouter, Depends, Header, Request
+from fastapi import APIRouter, Depends, Header, Query, Request
 from fastapi.responses import Response
 
 from service.api.dependencies import Context, Scan, Service
 from service.api.problem_responses import problem_responses
 from service.api.server_sent_events import EventStream, EventSubscriber, SnapshotKind, all_stream, scan_stream
-from service.events.cell_events import cell_event
+from service.events.cell_events import arm_event, cell_event
 from service.problems.problem_error import ProblemError
 from service.security.auth.caller import known_caller, still_allowed
 from service.storage.event_log import MissedEvents, ScanEvent, ScanEvents, ScanSnapshot, UnknownEventError
@@ -28,6 +28,8 @@ LastEventId = Annotated[
         description="Id of the last event that the client has received; the stream continues after it",
     ),
 ]
+
+Arm = Annotated[bool, Query(description="Whether the events include the joint angles of the arm")]
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,8 @@ async def _start_all_stream(
 
 CHANGES = ("state", "progress", "view", "resync")
 SCAN_DATA = "`scan` and `resync` have the scan as in `GET /api/scans/SCAN`"
-ALL_DATA = "`cell` and `resync` have an object with the cell's `state`, `problem` and `reason`"
+ALL_DATA = """`cell` and `resync` have an object with the cell's `state`, `problem` and `reason`;
+`arm` has an object with `q_rad` and `moving`, which are null while they are unknown"""
 
 
 def _responses(names: tuple[str, ...], snapshot: str, *slugs: str) -> dict[int | str, dict[str, Any]]:
@@ -123,20 +126,30 @@ async def stream_scan_events(
     "/events",
     status_code=200,
     response_class=EventStream,
-    responses=_responses((*CHANGES, "cell"), ALL_DATA),
+    responses=_responses((*CHANGES, "cell", "arm"), ALL_DATA),
 )
 async def stream_events(
-    request: Request, stream: Annotated[AllStreamStart, Depends(_start_all_stream)], service: Service
+    request: Request,
+    stream: Annotated[AllStreamStart, Depends(_start_all_stream)],
+    service: Service,
+    arm: Arm = False,
 ) -> Response:
     """Stream the changes of all scans and of the cell as server-sent events, without an end.
 
     The first event is `cell` with the state of the cell; it is sent again after each change of that state. `state`,
     `progress` and `view` are as in the events of one scan. With `Last-Event-ID`, the stream also has the changes of
-    scans since that event. After `resync`, request the scans again: changes in between are not sent.
+    scans since that event. After `resync`, request the scans again: changes in between are not sent. With `arm=true`,
+    the event `arm` has the joint angles of the arm whenever they change, up to ten times a second.
     """
     cell, events = service.cell, service.store.events
     content = all_stream(
-        events, lambda: cell_event(cell.status), stream.subscriber, stream.missed, stream.snapshot_kind, stream.last_id
+        events,
+        lambda: cell_event(cell.status),
+        (lambda: arm_event(cell.status)) if arm else None,
+        stream.subscriber,
+        stream.missed,
+        stream.snapshot_kind,
+        stream.last_id,
     )
     return EventStream(content, still_allowed(request))
 

@@ -10,6 +10,7 @@ from pydantic import Field
 from cell.config.cell_config import CellSettings
 from cell.control.status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
+from cell.errors import RobotLostError
 from cell.planning.viewpoints import ViewpointPlan
 from service.api.schemas.base import ApiModel
 from service.api.schemas.calibration import CellWarning
@@ -26,8 +27,8 @@ The state of an idle arm is read twice a second.
 class RobotResource(ApiModel):
     """The last state that the controller of the arm reported.
 
-    The modes and `moving` are null, because they are unknown, while the cell is not ready or the state is older than
-    3 s. In a fault, `moving` is null too.
+    The modes and `moving` are null, because they are unknown, while the cell is not ready, when the connection to the
+    robot is lost, and when the state is older than 3 s. In a fault, `moving` is null too.
     """
 
     kind: Literal["simulated", "ur"]
@@ -146,7 +147,8 @@ def cell_resource(
         status = replace(status, state="busy", slug="cell-busy", reason=f"{using_arm} is under way")
     arm, state, camera, hand_eye, plan = status.arm, status.arm_state, status.camera, status.hand_eye, status.plan
     age_s = math.inf if state is None else state.age_s + time.monotonic() - state.read_s
-    current_state = None if status.state == "not_ready" or age_s > MAX_STATE_AGE_S else state
+    is_unknown = status.state == "not_ready" or status.slug == RobotLostError.slug or age_s > MAX_STATE_AGE_S
+    current_state = None if is_unknown else state
     return CellResource(
         state=status.state,
         problem=None if status.slug is None else f"urn:pointchain:{status.slug}",

@@ -56,6 +56,8 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /api/scans/{id}/thumbnail.png": "viewer",
     "GET /api/scans/{id}/views": "viewer",
     "GET /api/scans/{id}/views/{index}.png": "viewer",
+    "GET /api/scans/{id}/views/{index}.ply": "viewer",
+    "GET /api/scans/{id}/plan": "viewer",
     "GET /api/scans/{id}/recording": "viewer",
     "GET /api/calibration": "viewer",
     "GET /api/calibration/runs": "viewer",

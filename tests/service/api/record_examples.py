@@ -259,6 +259,7 @@ def record_live_scans(recorder: Recorder) -> dict[str, Any]:
     answer = recorder.record("radius", "A string of known radius, 6 viewpoints", *start, radius, keep_answer=False)
     address = answer.headers["Location"]
     wait_until(lambda: any(view["state"] == "recorded" for view in recorder.get(address)["progress"]["views"]))
+    recorder.record("live", "Plan of a running scan", "GET", f"{address}/plan")
     recorder.record("scanning", "A scan during its motion", "GET", address)
     recorder.record("cancelled", "The arm is stopped, and the scan ends", "POST", f"{address}/cancel")
     recorder.wait_for_end(answer)

@@ -2,14 +2,18 @@
 
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from itertools import islice
 
 import httpx2
+import numpy as np
 import pytest
 
+from cell.control.status import CellStatus
+from cell.devices import ArmState
 from service.api import server_sent_events
 from service.api.dependencies import Context
 from service.errors import Failure, ServiceError
@@ -217,6 +221,42 @@ def test_all_events_have_the_cell_and_a_resync_after_too_many_changes(
         assert int(again.id) == service.store.events.newest()
         end(service, scan)
         assert next(events).kind == "state"
+
+
+def test_a_stream_has_the_joint_angles_of_a_moving_arm_on_request(
+    quick: ServedClient, service: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    angles = [0.0]
+
+    def status() -> CellStatus:
+        state = ArmState(
+            q_rad=np.full(6, angles[0]),
+            qd_rad_s=np.zeros(6),
+            T_base_flange=np.eye(4),
+            robot_mode="running",
+            safety_mode="normal",
+            moving=True,
+            controller_s=0.0,
+            age_s=0.0,
+            read_s=time.monotonic(),
+        )
+        return CellStatus(state="busy", slug=None, reason=None, arm_state=state)
+
+    monkeypatch.setattr(type(service.cell), "status", property(lambda cell: status()))
+    with open_stream(quick, "/api/events?arm=true") as events:
+        assert next(events).kind == "cell"
+        times = []
+        for step in range(1, 6):
+            angles[0] = step / 10 + 1e-6  # less than the noise of an arm at rest
+            event = next(events)
+            times.append(time.monotonic())
+            assert (event.kind, event.data) == ("arm", {"q_rad": [step / 10] * 6, "moving": True})
+        assert (times[-1] - times[0]) / 4 < 0.2  # at least 5 Hz
+    with open_stream(quick, "/api/events") as events:
+        assert next(events).kind == "cell"
+        angles[0] = 1.0
+        service.cell._status.change(state="not_ready", slug="stopped", reason="without arm events")
+        assert next(events).kind == "cell"
 
 
 def rest_of(lines: Iterator[str]) -> list[str]:

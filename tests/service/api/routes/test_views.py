@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import httpx2
+import numpy as np
 import pytest
 
 from cell.recording import RecordingWriter, read_recording
 from service.api.images.image_cache import MAX_IMAGES
+from service.api.images.view_points import MAX_POINTS, MIN_HEIGHT_M, view_points
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
@@ -84,7 +86,7 @@ def test_an_unknown_view_is_not_found(
         assert detail == f"scan {scan['id']} has no view {index}, or not yet"
     for index in ("-1", "1000", "x"):
         assert_problem(client.get(f"{scan['links']['views']}/{index}.png"), 422, "invalid-request")
-    for path in ("views", "views/0.png"):
+    for path in ("views", "views/0.png", "views/0.ply"):
         assert_problem(client.get(f"/api/scans/none/{path}"), 404, "scan-not-found")
 
 
@@ -116,6 +118,46 @@ def test_a_live_scan_shows_its_views_when_they_are_recorded(
             assert len(client.get(own).json()["views"]) == number
             assert client.get(f"{own}/{view.index}.png").status_code == 200
             assert_problem(client.get(f"{own}/{view.index + 1}.png"), 404, "no-result")
+
+
+def test_the_points_of_a_view_are_those_of_its_depth_image(
+    client: ServedClient, scan: dict[str, Any], recording_file: Path
+) -> None:
+    recording = read_recording(recording_file)
+    workspace = np.array(recording.header.workspace_m)
+    for listed, view in zip(client.get(scan["links"]["views"]).json()["views"], recording.views, strict=True):
+        answer = client.get(listed["cloud"])
+        assert answer.headers["content-type"] == "application/octet-stream"
+        header, _, data = answer.content.partition(b"end_header\n")
+        points = np.frombuffer(data, "<f4").reshape(-1, 3)
+        assert f"element vertex {len(points)}\n".encode() in header
+        assert 1000 < len(points) <= MAX_POINTS
+        assert ((points >= workspace[:, 0]) & (points <= workspace[:, 1])).all()
+        # each point lies on the ray of a pixel, at the depth of that pixel
+        T_camera_base = np.linalg.inv(view.T_base_camera)
+        in_camera = points @ T_camera_base[:3, :3].T + T_camera_base[:3, 3]
+        pixels = in_camera @ view.K.T / in_camera[:, 2:]
+        columns, rows = pixels[:, :2].round().astype(int).T
+        assert np.abs(pixels[:, 0] - columns).max() < 0.01  # float32 rounds by some micrometres
+        assert np.abs(view.depth[rows, columns] * view.depth_unit_m - in_camera[:, 2]).max() < 1e-5
+        # the string is complete, although the table is sampled
+        whole = view_points(replace(view, depth=view.depth.copy()), recording.header)
+        above = whole[:, 2] > recording.header.table_z_m + MIN_HEIGHT_M
+        assert 100 < above.sum() < 3 * MAX_POINTS // 4
+        assert (np.diff(above.astype(int)) <= 0).all()
+
+
+def test_only_the_last_live_scan_has_a_plan(
+    client: ServedClient, live: tuple[str, Path], assert_problem: AssertProblem
+) -> None:
+    scan_id, _ = live
+    address, service = f"/api/scans/{scan_id}/plan", client.app.state.context
+    assert_problem(client.get(address), 404, "no-result")
+    plan = service.cell.plan(4)
+    service.jobs._scans.planned = (scan_id, plan)
+    service.response_cache._entries.clear()
+    assert client.get(address).json() == plan.to_json()
+    assert_problem(client.get("/api/scans/none/plan"), 404, "scan-not-found")
 
 
 @pytest.mark.parametrize("damage", ["gone", "shorter"])

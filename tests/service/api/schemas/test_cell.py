@@ -1,6 +1,7 @@
 """The JSON document of the cell."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,3 +37,9 @@ def test_modes_of_an_old_state_are_null(state: State) -> None:
     assert (old.robot_mode, old.safety_mode, old.moving) == (None, None, None)
     assert old.q_rad == [0.0] * 6  # the last known joints, whose age is `age_s`
     assert old.age_s == pytest.approx(MAX_STATE_AGE_S + 1.0, abs=0.5)  # the duration of the test
+
+
+def test_modes_are_null_as_soon_as_the_robot_is_lost() -> None:
+    lost = replace(status("fault", 0.0), slug="robot-lost", reason="the watchdog heard nothing for 0.4 s")
+    robot = cell_resource(lost, CellSettings(), None, []).robot
+    assert (robot.robot_mode, robot.safety_mode, robot.moving) == (None, None, None)
