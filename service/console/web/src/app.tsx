@@ -1,4 +1,5 @@
 import { Fault } from "./bar/fault";
+import { Stopped } from "./bar/stopped";
 import { Login } from "./login";
 import { addressOf, go, route, SCREENS } from "./route";
 import { LoadedScreen } from "./screens";
@@ -6,6 +7,7 @@ import { caller, signOut } from "./state/session";
 import { findText, t } from "./texts/translate";
 import { useAction } from "./ui/action";
 import { ManualLink, SECTIONS } from "./ui/manual";
+import { narrow } from "./ui/narrow";
 
 /** Everything below the bar. */
 export function App() {
@@ -23,12 +25,18 @@ export function App() {
         <ManualLink page={SECTIONS[screen]} name={t("help.page")}>
           {t("help.link")}
         </ManualLink>
-        <CallerInfo />
+        {!narrow.value && <CallerInfo />}
       </nav>
       <Fault />
+      <Stopped open={screen === "scan"} />
       <main id="main" tabIndex={-1}>
         <LoadedScreen key={`${screen}/${id}`} screen={screen} id={id} />
       </main>
+      {narrow.value && (
+        <footer>
+          <CallerInfo />
+        </footer>
+      )}
     </>
   );
 }

@@ -1,21 +1,23 @@
 import { computed } from "@preact/signals";
 import type { ComponentChildren } from "preact";
+import { useState } from "preact/hooks";
 import type { Cell } from "../net/api";
 import { addressOf } from "../route";
-import { calibration, cell } from "../state/cell";
+import { calibration, cell, problemSlug } from "../state/cell";
 import { lastAnswer, lost, silence_s } from "../state/freshness";
-import { running } from "../state/scans";
+import { requesting, running, scanTime } from "../state/scans";
 import { caller, canOperate } from "../state/session";
-import { live } from "../state/updates";
+import { live } from "../state/live";
 import { clock, span } from "../texts/format";
 import { problemTitle, slugOf } from "../texts/problem";
 import { sentence } from "../texts/sentence";
 import { CELL_TONES, scanWord, SHAPES, type Tone, verdictWord } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { WhatToDo } from "../ui/manual";
+import { SimulatedCell } from "../ui/simulated";
 
 /** A state: word, shape and colour. */
-export function Badge({ tone, children }: { tone: Tone; children: string }) {
+export function Badge({ tone, children }: { tone: Tone; children: ComponentChildren }) {
   return (
     <strong class={`badge ${tone}`}>
       <span aria-hidden="true">{SHAPES[tone]}</span> {children}
@@ -23,17 +25,34 @@ export function Badge({ tone, children }: { tone: Tone; children: string }) {
   );
 }
 
+/** The ID of the facts. `useId` would give one that also exists below the bar, which is drawn separately. */
+const FACTS_ID = "bar-facts";
+
 /** The part of the bar that shows the cell. */
 export function Status() {
+  const [open, setOpen] = useState(false); // on a phone; elsewhere the facts are always visible
   return (
     <>
-      <State />
-      <dl class="facts">
+      <div class="headline">
+        <State />
+        {cell.value !== null && <SimulatedCell cell={cell.value} />}
+        <p class="small news">{newsText()}</p>
+        <button
+          type="button"
+          class="more"
+          aria-expanded={open}
+          aria-controls={FACTS_ID}
+          aria-label={t("state.more")}
+          onClick={() => setOpen(!open)}
+        >
+          {open ? "▴" : "▾"}
+        </button>
+      </div>
+      <dl class={open ? "facts open" : "facts"} id={FACTS_ID}>
         <Robot />
         <Camera />
         <CalibrationFact />
       </dl>
-      <p class="small news">{newsText()}</p>
     </>
   );
 }
@@ -51,12 +70,23 @@ function State() {
   const now = cell.value;
   if (now === null) return <p class="state">{t("state.waiting")}</p>;
   const state = t(`state.cell.${now.state}`);
-  const scan = running.value;
-  const busyWith =
-    scan === null ? state : t("state.busy_with", { state, activity: scanWord(scan.state).toLowerCase() });
+  const activity = activityText();
+  if (now.state === "busy" || (activity !== null && now.state !== "fault")) {
+    return (
+      <div class="state calm" role="status">
+        <Badge tone="work">
+          {t("state.cell.busy")}
+          {activity !== null && <span class="activity">{t("state.busy_with", { activity })}</span>}
+        </Badge>
+        <p>{timeText() ?? (now.state === "busy" ? reasonText(now) : "")}</p>
+      </div>
+    );
+  }
+  // The page says the rest: the Scan screen, or the panel about the stop or fault.
+  const calm = now.state !== "not_ready" || ["not-connected", "stopped"].includes(problemSlug.value ?? "");
   return (
-    <div class="state" role="status">
-      <Badge tone={CELL_TONES[now.state]}>{now.state === "busy" ? busyWith : state}</Badge>
+    <div class={calm ? "state calm" : "state"} role="status">
+      <Badge tone={CELL_TONES[now.state]}>{state}</Badge>
       <p>
         {reasonText(now)} {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
       </p>
@@ -64,10 +94,33 @@ function State() {
   );
 }
 
+/** Return a reason of the service without its advice to those who may scan. */
+export function withoutAdvice(reason: string): string {
+  return reason.replace(/: connect, or start a live scan$/, "");
+}
+
+/** Return what the scan does that runs, or was asked for; null: there is none. */
+function activityText(): string | null {
+  const scan = running.value;
+  if (scan !== null) return inSentence(scanWord(scan.state));
+  return requesting.value ? inSentence(t("common.starting")) : null;
+}
+
+/** Return how long the running scan will take to its model; null: not known. */
+function timeText(): string | null {
+  const { remaining } = scanTime.value;
+  return remaining === null ? null : t("state.time_to_model", { seconds: Math.ceil(remaining) });
+}
+
+/** Return a text that continues a sentence. */
+function inSentence(text: string): string {
+  return text.charAt(0).toLowerCase() + text.slice(1);
+}
+
 /** Return why the cell is in its state. The hint what to do is only for callers who may do it. */
 function reasonText({ reason, problem }: Cell): string {
   if (reason === null) return canOperate.value ? t("state.ready.operator") : t("state.ready.viewer");
-  const shown = canOperate.value ? reason : reason.replace(/: connect, or start a live scan$/, "");
+  const shown = canOperate.value ? reason : withoutAdvice(reason);
   return sentence(problemTitle(problem && slugOf(problem), shown));
 }
 
@@ -98,11 +151,6 @@ function Fact({ name, tone, children }: { name: string; tone: Tone; children: Co
 /** Whether the last known state is still valid. */
 const fresh = computed(() => !lost.value && Boolean(caller.value));
 
-/** Mark a simulated device: an operator must not mistake it for a real one. */
-function withKind(text: string, device: { kind: string }): string {
-  return device.kind === "simulated" ? t("state.robot.simulated", { text }) : text;
-}
-
 function Robot() {
   const robot = cell.value?.robot;
   const name = t("state.robot.label");
@@ -112,14 +160,14 @@ function Robot() {
     if (cell.value?.state === "fault" && robot.age_s !== null) {
       return <Fact name={name} tone="warn">{t("state.robot.no_answer", { time: span(robot.age_s) })}</Fact>;
     }
-    return <Fact name={name} tone="none">{withKind(t("state.robot.not_connected", { model: robot.model }), robot)}</Fact>;
+    return <Fact name={name} tone="none">{t("state.robot.not_connected", { model: robot.model })}</Fact>;
   }
   const safe = safety_mode === "normal" || safety_mode === "reduced";
   const tone = !safe ? "bad" : robot_mode === "running" ? "good" : "warn";
   const word = modeWord("mode", robot_mode);
   const mode = robot.moving === true ? t("state.robot.moving", { mode: word }) : word;
   const text = t("state.robot.modes", { mode, safety: modeWord("safety", safety_mode) });
-  return <Fact name={name} tone={tone}>{withKind(text, robot)}</Fact>;
+  return <Fact name={name} tone={tone}>{text}</Fact>;
 }
 
 /** Return the text for a mode of the robot; a mode without one is shown by its name. */
@@ -133,10 +181,10 @@ function Camera() {
   if (!camera || !fresh.value) return <Fact name={name} tone="none">{t("common.unknown")}</Fact>;
   const { width, height } = camera;
   if (width === null || height === null || cell.value?.state === "not_ready") {
-    return <Fact name={name} tone="none">{withKind(t("state.camera.not_connected"), camera)}</Fact>;
+    return <Fact name={name} tone="none">{t("state.camera.not_connected")}</Fact>;
   }
   const [warning] = camera.warnings;
-  const size = withKind(t("state.camera.size", { width, height }), camera);
+  const size = t("state.camera.size", { width, height });
   return <Fact name={name} tone={warning ? "warn" : "good"}>{warning ?? size}</Fact>;
 }
 

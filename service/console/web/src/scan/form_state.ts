@@ -1,5 +1,5 @@
 import { signal } from "@preact/signals";
-import type { Method, Scan } from "../net/api";
+import type { Method, Plan, Scan } from "../net/api";
 
 export type Mode = Scan["mode"];
 
@@ -16,3 +16,6 @@ export const form = {
   /** Whether the scan takes as many views as needed, in place of that number; null: as configured. */
   quick: signal<boolean | null>(null),
 };
+
+/** What a scan with these settings would do, as last checked; null: not known yet. */
+export const checkedPlan = signal<Plan | null>(null);

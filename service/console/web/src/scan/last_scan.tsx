@@ -7,9 +7,9 @@ import { foundText, hasModel, isElsewhere, kindOf, outcome, recordedViews, tooFe
 import { t } from "../texts/translate";
 import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
+import { SimulatedMark } from "../ui/simulated";
 import { RadiusWarning } from "./radius_warning";
 import { RecordingName } from "./recording_name";
-import { Views } from "./views";
 
 /** The outcome of the last scan. */
 export function LastScan({ scan }: { scan: Scan }) {
@@ -20,6 +20,7 @@ export function LastScan({ scan }: { scan: Scan }) {
     <section class="panel" aria-label={t("scan.last.region")}>
       <h2>
         <Badge tone={tone}>{word}</Badge>{" "}
+        <SimulatedMark scan={scan} />{" "}
         {summary !== null && summary.chains > 0 && <span>{foundText(summary.chains, summary.crossings)}</span>}
       </h2>
       <p class="small">
@@ -50,7 +51,6 @@ export function LastScan({ scan }: { scan: Scan }) {
       </p>
       {scan.mode === "live" && !hasModel(scan) && <p>{t("scan.last.recorded_views", { count: recordedViews(scan) })}</p>}
       {scan.mode === "live" && scan.state === "interrupted" && <p class="note warn">{t("scan.last.interrupted")}</p>}
-      {scan.mode === "live" && <Views scan={scan} />}
     </section>
   );
 }

@@ -1,30 +1,30 @@
-import { useEffect, useMemo, useState } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { api, longCall, resultOf, type Plan, type Scan } from "../net/api";
 import { atWork, cell } from "../state/cell";
-import { geometry } from "../state/geometry";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
 import { Hint } from "../ui/hint";
-import type { ViewPose } from "../view3d/scene";
-import { Viewer } from "../viewer/viewer";
+import { checkedPlan } from "./form_state";
 
 /**
- * Which viewpoints the arm can reach, and why not the others, before anything moves.
+ * What a scan would do: which viewpoints the arm reaches, and why not the others, before anything moves.
  * The key of this component is `views`, so that other viewpoints are checked at once.
  */
 export function Reachability({ views }: { views: Scan["views"] }) {
-  const [plan, setPlan] = useState<Plan | null>(null);
-  const [open, setOpen] = useState(false);
+  const plan = checkedPlan.value;
   const action = useAction();
 
   async function check(): Promise<void> {
-    setPlan(await resultOf(api.POST("/api/viewpoints/plan", { body: { views }, ...longCall })));
+    checkedPlan.value = await resultOf(api.POST("/api/viewpoints/plan", { body: { views }, ...longCall }));
   }
 
+  useEffect(() => {
+    checkedPlan.value = null; // the plan was for other viewpoints
+  }, []);
   const possible = !atWork.value && cell.value !== null && cell.value.state !== "fault";
   useEffect(() => {
-    if (possible && plan === null) void action.run(check);
+    if (possible && checkedPlan.value === null) void action.run(check);
   }, [possible]);
 
   return (
@@ -38,12 +38,11 @@ export function Reachability({ views }: { views: Scan["views"] }) {
         </Act>
       </div>
       <Failed failure={action.failure} />
-      {plan !== null && <ViewpointList plan={plan} />}
       {plan !== null && (
-        <details onToggle={(event) => setOpen(event.currentTarget.open)}>
-          <summary>{t("scan.reach.show")}</summary>
-          {open && <ReachableIn3D plan={plan} />}
-        </details>
+        <>
+          <p class="small">{motionText(plan)}</p>
+          <Unreachable plan={plan} />
+        </>
       )}
     </div>
   );
@@ -53,29 +52,17 @@ function countText({ reachable, viewpoints }: Plan): string {
   return t("scan.reach.count", { reachable, planned: viewpoints.length });
 }
 
-/** The reachable viewpoints and the current pose of the arm. */
-function ReachableIn3D({ plan }: { plan: Plan }) {
-  const lens = geometry.value?.camera;
-  const content = useMemo(() => {
-    const reachable = lens === undefined ? [] : plan.viewpoints.filter((one) => one.reason === null);
-    const views = reachable.map(
-      ({ index, T_base_camera }) => ({ ...lens, index, T_base_camera, image: "" }) as ViewPose,
-    );
-    return { model: null, cloud: null, views, others: [] };
-  }, [plan, lens]);
-  return <Viewer content={content} layers={["cameras", "arm", "geometry", "labels"]} />;
+/** Say what the arm will do. */
+function motionText({ reachable, duration_s, first, early_duration_s }: Plan): string {
+  const all = { count: reachable, seconds: Math.round(duration_s) };
+  if (early_duration_s === null) return t("scan.reach.motion", all);
+  return t("scan.reach.motion_quick", { ...all, first: first.length, early: Math.round(early_duration_s) });
 }
 
-function ViewpointList({ plan }: { plan: Plan }) {
+/** The viewpoints that the arm does not reach, with the reasons, and further warnings. */
+function Unreachable({ plan }: { plan: Plan }) {
   return (
     <>
-      <ol aria-label={t("scan.reach.list")}>
-        {plan.viewpoints.map(({ index, reason }) => (
-          <li key={index} class={reason === null ? "good" : "warn"}>
-            {reason === null ? t("scan.reach.yes", { index }) : t("scan.reach.no", { index })}
-          </li>
-        ))}
-      </ol>
       {plan.viewpoints.map(
         ({ index, reason }) =>
           reason !== null && (

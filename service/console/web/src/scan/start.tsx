@@ -1,7 +1,7 @@
 import { api, longCall, resultOf, type Scan } from "../net/api";
 import { calibrating, cell } from "../state/cell";
 import { geometry } from "../state/geometry";
-import { show } from "../state/scans";
+import { requesting, show } from "../state/scans";
 import { refreshNow } from "../state/updates";
 import { mm } from "../texts/format";
 import { t } from "../texts/translate";
@@ -38,19 +38,37 @@ export function Start({ action }: { action: Action }) {
   async function start(): Promise<void> {
     const both = { string_radius_m: radiusMetres(radius), method, all_grasps: false, validate_only: false };
     const body = mode === "live" ? { ...both, mode, views } : { ...both, mode, recording: recording ?? "" };
-    const started = await resultOf(api.POST("/api/scans", { body, ...longCall }));
-    if ("links" in started) show(started);
+    requesting.value = true;
+    try {
+      const started = await resultOf(api.POST("/api/scans", { body, ...longCall }));
+      if ("links" in started) show(started);
+    } finally {
+      requesting.value = false;
+    }
     refreshNow();
   }
 
   return (
     <section class="panel start" aria-label={t("scan.start.region")}>
-      <fieldset>
-        <legend>{t("scan.start.source")}</legend>
+      <fieldset class="choices">
+        <legend class="unseen">{t("scan.start.source")}</legend>
         <Choice mode="live" />
         <Choice mode="replay" />
       </fieldset>
       {mode === "replay" && <Recordings chosen={recording} choose={(id) => (form.recording.value = id)} />}
+      <Act
+        action={action}
+        kind="main"
+        big
+        work={start}
+        doing={t("common.starting")}
+        disabled={invalid || obstacle !== null}
+      >
+        {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
+      </Act>
+      {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
+      <Failed failure={action.failure} />
+      {mode === "live" && number.fault === null && views && <Reachability key={views} views={views} />}
       <div class="row wide">
         <RadiusField number={radius} write={(text) => (form.radius.value = text)} empty={radiusPlaceholder(mode)} />
         <MethodField method={method} choose={(chosen) => (form.method.value = chosen)} />
@@ -77,19 +95,6 @@ export function Start({ action }: { action: Action }) {
       <p class="small">
         {t("method.described", { name: t(`method.${method}.name`), hint: t(`method.${method}.hint`) })}
       </p>
-      <Act
-        action={action}
-        kind="main"
-        big
-        work={start}
-        doing={t("common.starting")}
-        disabled={invalid || obstacle !== null}
-      >
-        {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
-      </Act>
-      {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
-      <Failed failure={action.failure} />
-      {mode === "live" && number.fault === null && views && <Reachability key={views} views={views} />}
       {mode === "live" && <Connection />}
     </section>
   );

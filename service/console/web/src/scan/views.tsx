@@ -17,7 +17,7 @@ export function Views({ scan, planned = [] }: ViewsProps) {
   const indices = [...views.map((view) => view.index), ...planned].sort((a, b) => a - b);
   const missing = views.filter((view) => view.state === "missing" && view.reason !== null);
   return (
-    <>
+    <section class="scan-views" aria-label={t("scan.views.region")}>
       <ol class="views" aria-label={t("common.views")}>
         {indices.map((index) => (
           <Card key={index} scan={scan} index={index} view={views.find((one) => one.index === index)} />
@@ -28,7 +28,7 @@ export function Views({ scan, planned = [] }: ViewsProps) {
           {sentence(t("scan.views.missing", { index, reason: reason ?? t("common.no_reason") }))}
         </p>
       ))}
-    </>
+    </section>
   );
 }
 

@@ -1,12 +1,17 @@
 import { computed, signal } from "@preact/signals";
 import { api, resultOf, type Scan } from "../net/api";
 import { isActive } from "../texts/states";
+import { now } from "./freshness";
 
 /** Number of scans that are requested: several may recognise an earlier one again. */
 const LISTED = 10;
 
 /** The scan that runs, or the last one; null: there is none. */
 export const latest = signal<Scan | null>(null);
+/** ID of the last live scan that ran while this page was open; null: there was none. */
+export const followed = signal<string | null>(null);
+/** Whether a scan was asked for, and the service has not answered yet. */
+export const requesting = signal(false);
 /** The newest scan that does not recognise an earlier one again; null: there is none. */
 export const latestOriginal = signal<Scan | null>(null);
 /** Incremented whenever a scan starts or ends, so that lists are requested again. */
@@ -35,9 +40,23 @@ export function show(scan: Scan): void {
   if (before?.id === scan.id && isActive(scan.state) && !isActive(before.state)) return;
   version++;
   latest.value = scan;
+  if (isActive(scan.state) && scan.mode === "live") followed.value = scan.id;
   if (scan.source === null) latestOriginal.value = scan;
   if (before?.id !== scan.id || isActive(before.state) !== isActive(scan.state)) changes.value++;
 }
+
+const received = computed(() => ({ scan: running.value, at: performance.now() }));
+
+/** Seconds since the first move of the running scan, and to its model; null: not known. */
+export const scanTime = computed(() => {
+  const { scan, at } = received.value;
+  const { elapsed_s, remaining_s } = scan?.progress ?? { elapsed_s: null, remaining_s: null };
+  const since_s = Math.max(0, (now.value - at) / 1000);
+  return {
+    elapsed: elapsed_s === null ? null : elapsed_s + since_s,
+    remaining: remaining_s === null ? null : Math.max(0, remaining_s - since_s),
+  };
+});
 
 /** An event of the stream of all scans. */
 export type ScanEvent =

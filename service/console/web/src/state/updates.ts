@@ -4,7 +4,9 @@ import { RefusedError } from "../net/api";
 import { readEvents } from "../net/events";
 import { STOPPED } from "../stop";
 import { refreshCalibration, refreshCell, atWork, cellEvent } from "./cell";
+import { armEvent } from "./arm";
 import { loadGeometry, geometry } from "./geometry";
+import { live } from "./live";
 import { refreshScans, running, scanEvent, type ScanEvent } from "./scans";
 import { refreshSession, caller } from "./session";
 
@@ -13,9 +15,6 @@ const BUSY_MS = 700;
 /** Interval of requests for data that rarely changes. */
 const SLOW_MS = 60_000;
 const RETRY_MS = [1000, 2000, 4000, 5000];
-
-/** Whether events arrive at once; otherwise the page polls. */
-export const live = signal(false);
 
 const visible = signal(!document.hidden);
 /** Whether to follow events. A hidden page does not: the tabs of a browser share few connections. */
@@ -90,7 +89,7 @@ async function listen(): Promise<never> {
     const ended = new AbortController();
     const end = following.subscribe((active) => active || ended.abort());
     try {
-      last = await readEvents("/api/events", last, ended.signal, (message) => {
+      last = await readEvents("/api/events?arm=true", last, ended.signal, (message) => {
         failures = 0;
         live.value = true;
         void ignoringFailures(() => apply(message.event ?? "", message.data));
@@ -110,7 +109,8 @@ async function apply(event: string, data: string): Promise<void> {
   if (event === "cell") {
     cellEvent(JSON.parse(data));
     refreshNow(); // for what the event does not contain
-  } else if (event === "resync") await refreshScans();
+  } else if (event === "arm") armEvent.value = JSON.parse(data);
+  else if (event === "resync") await refreshScans();
   else await scanEvent(JSON.parse(data) as ScanEvent);
 }
 

@@ -1,15 +1,18 @@
 import {
-  BufferGeometry, type Color, DoubleSide, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Mesh,
-  MeshBasicMaterial, Vector3,
+  BufferGeometry, type Color, DoubleSide, Float32BufferAttribute, Group, Line, LineBasicMaterial, LineDashedMaterial,
+  LineSegments, Mesh, MeshBasicMaterial, Vector3,
 } from "three";
 import { t } from "../texts/translate";
+import { linkFrames } from "./kinematics";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import type { Model, ViewPose } from "./scene";
+import type { ArmGeometry, Lens, Model, PlannedPath, ViewPose } from "./scene";
 
 /** Length of the drawn part of a camera's field of view. */
 const REACH_M = 0.05;
+/** The same length for the camera on the arm. */
+const SIGHT_M = 0.3;
 
 /** Draw the camera of each view as a pyramid with the view's number. */
 export function drawCameras(views: readonly ViewPose[], model: Model | null, palette: Palette): Group {
@@ -25,15 +28,42 @@ export function drawCameras(views: readonly ViewPose[], model: Model | null, pal
   return group;
 }
 
-/** Draw the pyramid of one view, with its sides filled. */
-export function drawView(view: ViewPose, colour: Color): Group {
+/** Draw the planned viewpoints, and the straight lines between them in the order of the path. */
+export function drawPlanned(plan: PlannedPath | null, palette: Palette): Group {
   const group = new Group();
-  const [a, b, c, d] = cornersOf(view, 1.5 * REACH_M);
+  for (const view of plan?.views ?? []) {
+    group.add(pyramid(view, palette.muted));
+    group.add(label({ brief: `${view.index}`, kind: "view planned", rank: 6 }, eyeOf(view)));
+  }
+  const path = shapeOf((plan?.path ?? []).map(eyeOf));
+  group.add(new Line(path, new LineDashedMaterial({ color: palette.muted, dashSize: 0.01, gapSize: 0.01 })).computeLineDistances());
+  return group;
+}
+
+/** Draw what the camera on the flange sees, as a pyramid in the frame of the flange. `poseFrustum` moves it. */
+export function drawFrustum(lens: Lens | null, palette: Palette): Group {
+  const group = new Group();
+  if (lens === null) return group;
+  return group.add(drawView({ ...lens, T_base_camera: lens.T_flange_camera, index: 0, image: "", cloud: "" }, palette.accent, SIGHT_M));
+}
+
+/** Move the drawn frustum to joint angles. */
+export function poseFrustum(group: Group, arm: ArmGeometry, q_rad: readonly number[]): void {
+  const flange = linkFrames(arm, q_rad).at(-1);
+  if (flange === undefined) return;
+  group.matrixAutoUpdate = false;
+  group.matrix.copy(flange);
+}
+
+/** Draw the pyramid of one view, with its sides filled. */
+export function drawView(view: ViewPose, colour: Color, reach_m = 1.5 * REACH_M): Group {
+  const group = new Group();
+  const [a, b, c, d] = cornersOf(view, reach_m);
   const eye = eyeOf(view);
   if (!a || !b || !c || !d) return group;
   const shape = shapeOf([eye, a, b, eye, b, c, eye, c, d, eye, d, a]);
-  const sides = { color: colour, side: DoubleSide, transparent: true, opacity: 0.35, depthWrite: false };
-  group.add(new Mesh(shape, new MeshBasicMaterial(sides)), pyramid(view, colour, 1.5 * REACH_M));
+  const sides = { color: colour, side: DoubleSide, transparent: true, opacity: reach_m > 2 * REACH_M ? 0.15 : 0.35, depthWrite: false };
+  group.add(new Mesh(shape, new MeshBasicMaterial(sides)), pyramid(view, colour, reach_m));
   return group;
 }
 

@@ -51,14 +51,15 @@ export function pointsToFrame(
   shown: ReadonlySet<Layer>,
   marked: Target | null,
 ): Vector3[] {
-  const { model, grasps, gripper, geometry, q_rad, views } = content;
+  const { model, grasps, gripper, geometry, q_rad, views, planned } = content;
   const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
   if (points.length === 0 && geometry !== null) points.push(...corners(geometry));
   const grasp = marked?.kind === "grasp" ? grasps.find(({ id }) => id === marked.id) : undefined;
   if (grasp) points.push(...pointsOfMotion(grasp, gripper));
-  if (shown.has("cameras")) points.push(...views.map(eyeOf));
-  if (!grasp && shown.has("arm") && geometry !== null && q_rad !== null) {
+  if (shown.has("cameras")) points.push(...[...views, ...(planned?.path ?? [])].map(eyeOf));
+  // The arm comes and goes between planned viewpoints; what it does there is in sight.
+  if (!grasp && planned === null && shown.has("arm") && geometry !== null && q_rad !== null) {
     points.push(...capsuleEnds(geometry.arm, q_rad).flatMap(([, ends]) => ends));
   }
   return points;

@@ -1,11 +1,10 @@
 import {
-  Color, DataTexture, Group, Mesh, MeshBasicMaterial, NearestFilter, PlaneGeometry, SRGBColorSpace,
+  type Color, DataTexture, Group, Mesh, MeshBasicMaterial, NearestFilter, PlaneGeometry, SRGBColorSpace,
 } from "three";
-import { HEIGHT_STOPS, HIGHEST_M, LOWEST_M } from "./height_colours";
+import { colourOfHeight } from "./height_scale";
 import type { Palette } from "./palette";
 import type { HeightMap } from "./scene";
 
-const STOPS = HEIGHT_STOPS.map((stop) => new Color(stop));
 const UNMEASURED = [0, 0, 0, 0] as const;
 
 /** Draw the height map flat on the table, below everything else. Cells that no view measured are not drawn. */
@@ -29,7 +28,7 @@ function textureOf({ z_m, table_z_m, min_object_height_m }: HeightMap, columns: 
   z_m.forEach((column, i) =>
     column.forEach((z, j) => {
       const above_m = (z ?? 0) - table_z_m;
-      const colour = Math.abs(above_m) < min_object_height_m ? table : bytesOf(colourOf(above_m));
+      const colour = Math.abs(above_m) < min_object_height_m ? table : bytesOf(colourOfHeight(above_m));
       pixels.set(z === null ? UNMEASURED : colour, 4 * (j * columns + i));
     }),
   );
@@ -39,14 +38,6 @@ function textureOf({ z_m, table_z_m, min_object_height_m }: HeightMap, columns: 
   texture.minFilter = NearestFilter;
   texture.needsUpdate = true;
   return texture;
-}
-
-/** Return the colour of a height above the table. */
-function colourOf(above_m: number): Color {
-  const share = Math.min(Math.max((above_m - LOWEST_M) / (HIGHEST_M - LOWEST_M), 0), 1);
-  const at = share * (STOPS.length - 1);
-  const from = Math.min(Math.floor(at), STOPS.length - 2);
-  return new Color().lerpColors(STOPS[from] ?? new Color(), STOPS[from + 1] ?? new Color(), at - from);
 }
 
 function bytesOf(colour: Color): [number, number, number, number] {

@@ -8,7 +8,7 @@ export type Grasp = components["schemas"]["GraspDocument"];
 /** Metres, base frame. */
 export type Point = readonly [number, number, number];
 /** A pose as 4 rows of 4. */
-export type Pose = readonly (readonly number[])[];
+export type Pose = ViewPose["T_base_camera"];
 
 /** A layer that can be shown or hidden. */
 export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "arm" | "labels" | "geometry" | "heights";
@@ -26,6 +26,21 @@ export type Gripper = CellGeometry["gripper"];
 
 /** Heights of the table and of what lies on it, in square cells. */
 export type HeightMap = components["schemas"]["HeightMapDocument"];
+
+/** The viewpoints that the arm has not reached yet. */
+export interface PlannedPath {
+  views: readonly ViewPose[];
+  /** All reachable viewpoints in the order of the path. */
+  path: readonly ViewPose[];
+}
+
+/** The camera on the flange. */
+export interface Lens {
+  T_flange_camera: Pose;
+  K: ViewPose["K"];
+  width: number;
+  height: number;
+}
 
 /** The result of another method from the same views. */
 export interface Other {
@@ -48,6 +63,11 @@ export interface Content {
   q_rad: readonly number[] | null;
   others: readonly Other[];
   heights: HeightMap | null;
+  planned: PlannedPath | null;
+  /** The camera on the arm, whose field of view is drawn. */
+  lens: Lens | null;
+  /** The points of each view of a running scan, as PLY files. */
+  viewClouds: readonly ArrayBuffer[];
 }
 
 /** A part of the scene that can be selected. */

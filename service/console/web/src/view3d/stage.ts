@@ -1,7 +1,7 @@
 import { AmbientLight, Scene, type Vector3, type WebGLRenderer } from "three";
 import { drawArm, poseArm } from "./arm";
 import { Orbit } from "./camera";
-import { drawCameras } from "./cameras";
+import { drawCameras, drawFrustum, drawPlanned, poseFrustum } from "./cameras";
 import { drawCloud } from "./cloud";
 import { drawCrossings } from "./crossings";
 import { DIRECTIONS, pointsToFrame } from "./framing";
@@ -22,11 +22,12 @@ import type { Content, Layer, Target } from "./scene";
 import { covered, pixelsAhead, type Screen } from "./screen";
 import { drawStrings } from "./strings";
 import { onTap } from "./tap";
+import { drawViewClouds } from "./view_clouds";
 import type { View3D } from "./view3d";
 
 const NOTHING: Content = {
   model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
-  heights: null,
+  heights: null, planned: null, lens: null, viewClouds: [],
 };
 
 /** Holds the content and draws it only when something has changed. */
@@ -45,7 +46,10 @@ export class Stage implements View3D {
     others: new Part(this.scene, drawOthers),
     crossings: new Part(this.scene, drawCrossings),
     grasps: new Part(this.scene, drawGrasps),
+    viewClouds: new Part(this.scene, drawViewClouds),
     cameras: new Part(this.scene, drawCameras),
+    planned: new Part(this.scene, drawPlanned),
+    frustum: new Part(this.scene, drawFrustum),
     arm: new Part(this.scene, drawArm),
     geometry: new Part(this.scene, drawGeometry),
     mark: new Part(this.scene, drawMark),
@@ -82,12 +86,12 @@ export class Stage implements View3D {
 
   show(content: Content): void {
     if (content.cloud !== this.content.cloud) this.points = content.cloud && readCloud(content.cloud);
-    if (content.model !== this.content.model) {
-      this.needsFit = true;
-      this.marked = null;
-    }
+    if (content.model !== this.content.model) this.marked = null;
+    const isNew = content.model !== this.content.model || content.planned?.path !== this.content.planned?.path;
+    if (isNew) this.needsFit = true;
     this.content = content;
     this.canvas.dataset.points = String((this.points?.length ?? 0) / 3);
+    this.canvas.dataset.viewClouds = String(content.viewClouds.length);
     this.update();
   }
 
@@ -98,6 +102,7 @@ export class Stage implements View3D {
 
   arm(q_rad: readonly number[] | null): void {
     this.content = { ...this.content, q_rad };
+    this.canvas.dataset.joints = q_rad === null ? "" : q_rad.join(" ");
     this.poseArm();
     if (this.shown.has("arm")) this.requestFrame();
   }
@@ -160,11 +165,16 @@ export class Stage implements View3D {
     parts.others.update(content.others);
     parts.crossings.update(model, palette);
     parts.grasps.update(content.grasps, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
+    parts.viewClouds.update(content.viewClouds, geometry);
     parts.cameras.update(views, model, palette);
+    parts.planned.update(content.planned, palette);
+    parts.frustum.update(content.lens, palette);
     parts.arm.update(geometry, palette);
     parts.geometry.update(geometry, palette);
     parts.mark.update(this.marked, content, palette);
     parts.others.visible = shown.has("strings");
+    parts.viewClouds.visible = shown.has("cloud");
+    parts.planned.visible = shown.has("cameras");
     for (const layer of ["heights", "cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
     }
@@ -183,9 +193,11 @@ export class Stage implements View3D {
 
   private poseArm(): void {
     const { geometry, q_rad } = this.content;
-    const { arm } = this.parts;
-    arm.visible = this.shown.has("arm") && q_rad !== null;
-    if (arm.group !== null && geometry !== null && q_rad !== null) poseArm(arm.group, geometry.arm, q_rad);
+    const { arm, frustum } = this.parts;
+    arm.visible = frustum.visible = this.shown.has("arm") && q_rad !== null;
+    if (geometry === null || q_rad === null) return;
+    if (arm.group !== null) poseArm(arm.group, geometry.arm, q_rad);
+    if (frustum.group !== null) poseFrustum(frustum.group, geometry.arm, q_rad);
   }
 
   private resize(): void {

@@ -4,7 +4,7 @@ import { Stage } from "./stage";
 
 export { NoWebGLError } from "./graphics";
 export type { Scheme } from "./palette";
-export type { Content, Layer, Other, Target, CellGeometry, HeightMap, ViewPose } from "./scene";
+export type { Content, Layer, Lens, Other, PlannedPath, Target, CellGeometry, HeightMap, ViewPose } from "./scene";
 
 /** Events for the page. */
 export interface Callbacks {
@@ -35,7 +35,9 @@ export interface View3D {
 /**
  * Draw on a canvas, with the labels in the element `labels` above it. Their styles are in view3d.css.
  *
- * `canvas.dataset.frames` counts the drawn frames, `canvas.dataset.points` the points of the cloud.
+ * `canvas.dataset.frames` counts the drawn frames, `canvas.dataset.points` the points of the cloud,
+ * `canvas.dataset.viewClouds` the views of a running scan whose points are drawn, and
+ * `canvas.dataset.joints` has the joint angles of the drawn arm.
  *
  * @throws NoWebGLError when the browser has none.
  */

@@ -1,6 +1,6 @@
+import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { cell } from "../state/cell";
-import { lost } from "../state/freshness";
+import { joints_rad } from "../state/arm";
 import { geometry } from "../state/geometry";
 import { t } from "../texts/translate";
 import type { Content, Layer, Target, View3D } from "../view3d/view3d";
@@ -14,7 +14,7 @@ export interface Selection {
 }
 
 interface ViewerProps {
-  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps">>;
+  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps" | "planned" | "lens" | "viewClouds">>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
   /** Its grasps are for another gripper than the configured one. */
@@ -27,11 +27,15 @@ interface ViewerProps {
   picked?: (target: Target) => void;
   /** Image for browsers that cannot draw in 3D. */
   fallback?: string | null;
+  /** Drawn over the scene. */
+  children?: ComponentChildren;
 }
 
 /** Layers far from the strings: when one is shown, the view zooms out to contain it. */
 const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
+/** Content that only some screens have. */
+const NONE = { heights: null, grasps: [], planned: null, lens: null, viewClouds: [] };
 
 /** The 3D view. Its code is loaded after the rest of the page. Nothing in it can move the robot. */
 export function Viewer(props: ViewerProps) {
@@ -47,7 +51,7 @@ export function Viewer(props: ViewerProps) {
   onPick.current = picked;
   const around = elsewhere ? null : geometry.value;
   const gripper = otherGripper ? null : (geometry.value?.gripper ?? null);
-  const q_rad = elsewhere || lost.value ? null : (cell.value?.robot.q_rad ?? null);
+  const q_rad = elsewhere ? null : joints_rad.value;
 
   useEffect(() => {
     let open: View3D | null = null;
@@ -77,7 +81,7 @@ export function Viewer(props: ViewerProps) {
   }, []);
 
   useEffect(
-    () => view?.show({ heights: null, grasps: [], ...content, geometry: around, gripper, q_rad }),
+    () => view?.show({ ...NONE, ...content, geometry: around, gripper, q_rad }),
     [view, content, around, gripper],
   );
   useEffect(() => view?.layers(shown), [view, shown]);
@@ -142,6 +146,7 @@ export function Viewer(props: ViewerProps) {
           }}
         />
         <div ref={labels} class="labels3d" aria-hidden="true" />
+        {props.children}
       </div>
       <Layers
         available={layersOf(content, around !== null, q_rad !== null, onDemand?.layer)}
@@ -158,7 +163,7 @@ export function Viewer(props: ViewerProps) {
 
 /** Return the layers that have content, or get it on demand. */
 function layersOf(
-  { model, cloud, views }: ViewerProps["content"],
+  { model, cloud, views, planned, viewClouds }: ViewerProps["content"],
   around: boolean,
   arm: boolean,
   onDemand: Layer | undefined,
@@ -167,8 +172,8 @@ function layersOf(
   if (model !== null && model.chains.length > 0) available.push("strings");
   if (model !== null && model.crossings.length > 0) available.push("crossings");
   if (model !== null && model.grasps.length > 0) available.push("grasps");
-  if (cloud !== null) available.push("cloud");
-  if (views.length > 0) available.push("cameras");
+  if (cloud !== null || viewClouds?.length) available.push("cloud");
+  if (views.length > 0 || planned) available.push("cameras");
   if (around) available.push("geometry");
   if (arm) available.push("arm");
   if (onDemand !== undefined) available.push(onDemand);

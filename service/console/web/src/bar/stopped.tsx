@@ -1,0 +1,30 @@
+import { cell, problemSlug } from "../state/cell";
+import { lost } from "../state/freshness";
+import { requesting, running } from "../state/scans";
+import { canOperate } from "../state/session";
+import { sentence } from "../texts/sentence";
+import { t } from "../texts/translate";
+import { withoutAdvice } from "./status";
+import { WhatToDo } from "../ui/manual";
+
+/** After a stop, on every screen: what holds now, and what to do next. It is open on the screen that scans. */
+export function Stopped({ open }: { open: boolean }) {
+  if (problemSlug.value !== "stopped" || cell.value?.state !== "not_ready") return null;
+  if (lost.value || requesting.value || running.value !== null) return null;
+  return (
+    <section class="panel stopped" aria-label={t("stopped.region")}>
+      <details key={String(open)} open={open}>
+        <summary>{sentence(withoutAdvice(cell.value.reason ?? t("stopped.region")))}</summary>
+        <p>{t("stopped.holds")}</p>
+        <ol>
+          <li>{t("stopped.find_out")}</li>
+          <li>{t("stopped.check")}</li>
+          <li>{canOperate.value ? t("stopped.scan") : t("stopped.ask_operator")}</li>
+        </ol>
+        <p>
+          <WhatToDo problem={cell.value.problem} />
+        </p>
+      </details>
+    </section>
+  );
+}

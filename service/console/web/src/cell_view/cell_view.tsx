@@ -1,0 +1,67 @@
+import { useMemo } from "preact/hooks";
+import type { Model, Plan, Scan } from "../net/api";
+import { cell } from "../state/cell";
+import { geometry } from "../state/geometry";
+import { isActive } from "../texts/states";
+import { t } from "../texts/translate";
+import { Picture } from "../ui/picture";
+import type { Lens, PlannedPath, ViewPose } from "../view3d/scene";
+import { Viewer } from "../viewer/viewer";
+import { useScanPlan } from "./use_plan";
+import { useViewClouds } from "./use_view_clouds";
+
+const LAYERS = ["cloud", "cameras", "arm", "labels", "geometry", "strings", "crossings"] as const;
+
+interface CellViewProps {
+  /** The live scan that runs, or has just ended; null: none. */
+  scan: Scan | null;
+  /** What a scan would do, as long as none runs. */
+  checked: Plan | null;
+  /** The model of the scan, once it is known. */
+  model: Model | null;
+}
+
+/** The cell in 3D, before, during and after a scan: arm, camera, viewpoints, and the points of each view as it arrives. */
+export function CellView({ scan, checked, model }: CellViewProps) {
+  const ofScan = useScanPlan(scan);
+  const plan = ofScan ?? (scan === null || isActive(scan.state) ? checked : null);
+  const { indices, clouds } = useViewClouds(scan);
+  const camera = geometry.value?.camera;
+  const T_flange_camera = cell.value?.calibration?.T_flange_camera;
+  const reached = indices.join();
+
+  const path = useMemo(() => pathOf(plan, camera), [plan, camera]);
+  const lens = useMemo(() => (camera && T_flange_camera ? ({ ...camera, T_flange_camera } as Lens) : null), [
+    camera,
+    T_flange_camera?.flat().join(),
+  ]);
+  const content = useMemo(() => {
+    const isDone = ({ index }: ViewPose) => indices.includes(index);
+    const planned: PlannedPath | null = path.length > 0 ? { views: path.filter((view) => !isDone(view)), path } : null;
+    return { model, cloud: null, views: path.filter(isDone), others: [], planned, lens, viewClouds: clouds };
+  }, [model, path, reached, lens]);
+
+  const newest = indices.at(-1);
+  return (
+    <section class="cell-view" aria-label={t("cell_view.region")}>
+      <Viewer content={content} layers={LAYERS}>
+        {scan !== null && newest !== undefined && (
+          <figure class="newest">
+            <Picture src={`/api/scans/${scan.id}/views/${newest}.png`} alt={t("scan.views.alt", { index: newest })} />
+            <figcaption>{t("cell_view.newest", { index: newest })}</figcaption>
+          </figure>
+        )}
+      </Viewer>
+    </section>
+  );
+}
+
+/** Return the reachable viewpoints of a plan in the order of the path. */
+function pathOf(plan: Plan | null, camera: Omit<Lens, "T_flange_camera"> | undefined): ViewPose[] {
+  if (plan === null || camera === undefined) return [];
+  return plan.legs.flatMap(({ view }) => {
+    const viewpoint = plan.viewpoints.find(({ index }) => index === view);
+    if (viewpoint === undefined) return [];
+    return [{ ...camera, index: viewpoint.index, T_base_camera: viewpoint.T_base_camera, image: "", cloud: "" }];
+  });
+}

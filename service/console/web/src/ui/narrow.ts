@@ -1,0 +1,8 @@
+import { signal } from "@preact/signals";
+
+/** As in console.css. */
+const query = matchMedia("(max-width: 40rem)");
+
+/** Whether the page is as narrow as on a phone. */
+export const narrow = signal(query.matches);
+query.addEventListener("change", () => (narrow.value = query.matches));

@@ -1,0 +1,159 @@
+"""The console on a phone, a tablet and a desktop, in each main state."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.service.conftest import Serve, wait_until
+from tests.service.console.boxes import assert_texts_fit
+from tests.service.console.conftest import Cell, Open, wait_until_drawn
+
+pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+
+SIZES = {"phone": (390, 844), "tablet": (1024, 768), "desktop": (1920, 1080)}
+SCAN_BUTTON = "Scan: the arm will move"
+MAX_BAR_PX = 110
+"""Height of the bar on a phone: one line with STOP, and what it is not."""
+
+
+def assert_in_first_screen(page: Page, name: str) -> None:
+    """Assert that a button is within the window without scrolling."""
+    page.evaluate("() => scrollTo(0, 0)")
+    box, size = page.get_by_role("button", name=name).bounding_box(), page.viewport_size
+    assert box is not None
+    assert size is not None
+    assert box["y"] >= 0
+    assert box["y"] + box["height"] <= size["height"]
+
+
+def check_layout(page: Page) -> None:
+    assert_texts_fit(page)
+    assert_in_first_screen(page, "STOP the arm")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_no_text_is_cut_or_covered_in_any_state(open_console: Open, cell: Cell, size: str) -> None:
+    cell.make_ready()
+    width, height = SIZES[size]
+    page = open_console(cell.live.client, width=width, height=height).page
+    expect(page.get_by_label("Token")).to_be_visible()
+    check_layout(page)
+    page = open_console(cell.live.client, token=cell.tokens["viewer"], width=width, height=height).page
+    expect(page.get_by_text("Only operators start scans")).to_be_visible()
+    check_layout(page)
+
+    page = open_console(cell.live.client, token=cell.tokens["maintainer"], width=width, height=height).page
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
+    check_layout(page)
+    assert_in_first_screen(page, SCAN_BUTTON)
+    if size == "phone":
+        assert page.get_by_role("banner").evaluate("bar => bar.offsetHeight") <= MAX_BAR_PX
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    page.get_by_role("button", name=SCAN_BUTTON).click()
+    progress = page.get_by_role("region", name="Scan in progress")
+    expect(progress).to_be_visible()
+    check_layout(page)
+    expect(progress).to_contain_text("2 of 8 views recorded")
+    check_layout(page)
+    last = page.get_by_role("region", name="The last scan")
+    expect(last.get_by_role("link", name="Look at the result")).to_be_visible()
+    check_layout(page)
+    assert_in_first_screen(page, "STOP the arm")
+
+    last.get_by_role("link", name="Look at the result").click()
+    wait_until_drawn(page)
+    check_layout(page)
+    for key, heading in (("3", "History"), ("4", "Calibration")):
+        page.keyboard.press(key)
+        expect(page.get_by_role("heading", name=heading, level=1)).to_be_visible()
+        check_layout(page)
+    page.keyboard.press("1")
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.get_by_role("region", name="After a stop")).to_be_visible()
+    check_layout(page)
+    cell.make_ready()
+    cell.live.controller.emergency_stop()
+    expect(page.get_by_role("region", name="Fault")).to_be_visible()
+    check_layout(page)
+    cell.make_ready()
+
+
+def test_during_a_scan_the_drawn_arm_moves_and_points_arrive(open_console: Open, cell: Cell) -> None:
+    cell.make_ready()
+    page = open_console(cell.live.client, token=cell.tokens["operator"], width=1024).page
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
+    page.evaluate(
+        """() => {
+            window.joints = new Set();
+            const canvas = document.querySelector("canvas");
+            const note = () => window.joints.add(canvas.dataset.joints);
+            new MutationObserver(note).observe(canvas, { attributeFilter: ["data-joints"] });
+        }"""
+    )
+    page.get_by_role("button", name=SCAN_BUTTON).click()
+    newest = page.get_by_role("figure")
+    expect(newest).to_contain_text("the newest")
+    expect(newest.get_by_role("img")).to_be_visible()
+    canvas = page.locator("canvas")
+    expect(canvas).to_have_attribute("data-view-clouds", "8")
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text("1 string, 1 crossing")
+    # The state of the cell alone would have some ten postures: it is requested less often than once per move.
+    assert page.evaluate("() => window.joints.size") > 40
+    expect(page.get_by_role("checkbox", name="Strings")).to_be_visible()  # the model follows in the same picture
+    wait_until(lambda: cell.live.state()["state"] == "ready")
+    shown = [float(angle) for angle in (canvas.get_attribute("data-joints") or "").split()]
+    assert shown == pytest.approx(cell.live.state()["robot"]["q_rad"], abs=1e-3)
+
+
+def test_ready_is_never_shown_while_a_scan_is_prepared(open_console: Open, cell: Cell) -> None:
+    cell.make_ready()
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    status = page.get_by_role("banner").get_by_role("status")
+    expect(status).to_contain_text("Ready")
+    page.evaluate(
+        """() => {
+            window.texts = [];
+            const status = document.querySelector("#status");
+            new MutationObserver(() => window.texts.push(status.innerText))
+                .observe(status, { subtree: true, childList: true, characterData: true });
+        }"""
+    )
+    page.get_by_role("button", name=SCAN_BUTTON).click()
+    expect(status).to_contain_text("scanning")
+    texts: list[str] = page.evaluate("() => window.texts")
+    assert any("starting" in text or "connecting" in text for text in texts)
+    assert not [text for text in texts if "Ready" in text or "press Scan" in text]
+    page.get_by_role("button", name="Cancel this scan").click()
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
+    cell.make_ready()
+
+
+def test_after_a_stop_the_page_says_what_holds_and_what_to_do(open_console: Open, cell: Cell) -> None:
+    cell.make_ready()
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    page.get_by_role("button", name="STOP the arm").click()
+    after = page.get_by_role("region", name="After a stop")
+    expect(after).to_contain_text("The arm was stopped by request.")
+    expect(after.get_by_text("The arm stands still")).to_be_visible()
+    expect(after.get_by_text("Press Scan. It connects the arm again and moves it.")).to_be_visible()
+    page.keyboard.press("3")  # elsewhere it is one line
+    expect(after).to_be_visible()
+    expect(after.get_by_text("The arm stands still")).to_be_hidden()
+    page.keyboard.press("1")
+    page.get_by_role("button", name=SCAN_BUTTON).click()
+    expect(after).to_have_count(0)
+    expect(page.get_by_role("region", name="Scan in progress")).to_contain_text("views recorded")
+    page.get_by_role("button", name="Cancel this scan").click()
+    expect(after).to_be_visible()
+    cell.make_ready()
+
+
+def test_a_cell_says_what_of_it_is_simulated(open_console: Open, serve: Serve, cell: Cell, tmp_path: Path) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["viewer"]).page
+    expect(page.get_by_role("banner").get_by_text("SIMULATED", exact=True)).to_be_visible()
+    robot = {"kind": "ur", "host": "127.0.0.9", "model": "ur5e"}
+    with serve(tmp_path, cell={"arm": robot}) as mixed:
+        page = open_console(mixed).page
+        expect(page.get_by_role("banner").get_by_text("REAL ARM, simulated camera")).to_be_visible()
+        page.close()  # before the service ends
