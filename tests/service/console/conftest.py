@@ -109,10 +109,11 @@ def open_console(chromium: Browser) -> Iterator[Open]:
         token: str | None = None,
         scheme: Literal["light", "dark"] = "light",
         width: int = 1280,
+        height: int = 800,
         locale: str = "en-GB",
     ) -> Opened:
         origin = str(client.base_url).rstrip("/")
-        context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": 800}, locale=locale)
+        context = chromium.new_context(color_scheme=scheme, viewport={"width": width, "height": height}, locale=locale)
         context.set_default_timeout(PATIENCE_S * 500)
         if token is not None:
             answer = context.request.post(f"{origin}/api/session", data={"token": token})
