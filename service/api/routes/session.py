@@ -79,9 +79,11 @@ async def get_session(request: Request) -> SessionResource:
 async def sign_in(request: Request, body: SignInRequest, response: Response) -> SessionResource:
     """Sign in with a token or with a code, which is valid once.
 
-    The answer sets a cookie, which scripts cannot read and the browser sends to this address only. After too many wrong
-    codes within a minute, further codes are refused for a while; tokens are not.
+    The answer sets a cookie, which scripts cannot read and the browser sends to this address only. An earlier session
+    of this browser ends. After too many wrong codes within a minute, further codes are refused for a while; tokens are
+    not.
     """
+    earlier = _authenticator(request).session_of(request.scope)
     if isinstance(body, TokenSignInRequest):
         secret = body.token.strip()
         caller = _authenticator(request).caller_of_token(secret)
@@ -90,6 +92,8 @@ async def sign_in(request: Request, body: SignInRequest, response: Response) -> 
         session = await _code_sign_in(request).sign_in(body.code)
         secret, caller = session.secret, Caller(session.token.name, session.token.role)
     request.state.caller = caller  # for the audit log
+    if earlier is not None:
+        await _code_sign_in(request).sign_out(earlier)
     response.headers["Set-Cookie"] = session_cookie(request.scope, secret)
     return _response(caller)
 

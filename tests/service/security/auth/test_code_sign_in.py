@@ -18,7 +18,7 @@ from service.problems.problem_error import ProblemError
 from service.security.audit.reader import read_audit
 from service.security.auth import code_sign_in
 from service.security.auth.code_sign_in import MAX_WRONG_CODES, WINDOW_S, WrongCodeLimit
-from service.security.auth.sessions import SESSION_LIFETIME, SESSIONS_FILE, add_code
+from service.security.auth.sessions import SESSION_LIFETIME, SESSIONS_FILE, add_code, read_sessions
 from service.security.auth.tokens import add_token, remove_token
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient
 from tests.service.faults.full_disk import full_disk
@@ -158,6 +158,19 @@ def test_signing_out_ends_the_session(service: Service, assert_problem: AssertPr
         assert not browser.cookies
         assert_problem(copied.get("/api/cell"), 401, "unauthorized")
     assert service.client.get("/api/cell", headers=bearer(service.token)).status_code == 200
+
+
+def test_another_sign_in_ends_the_earlier_session_of_the_browser(service: Service) -> None:
+    file = service.data / SESSIONS_FILE
+    with service.browser() as browser:
+        for _ in range(2):
+            assert sign_in(browser, service.code()).status_code == 200
+            assert len(read_sessions(file).sessions) == 1
+        assert sign_in(browser, NO_CODE).status_code == 401
+        assert browser.get("/api/cell").status_code == 200  # a wrong code ends nothing
+        assert browser.post("/api/session", json={"token": service.token}).status_code == 200
+        assert read_sessions(file).sessions == ()
+        assert browser.get("/api/cell").status_code == 200
 
 
 def test_the_cookie_of_a_session_cannot_change_anything_alone(service: Service, assert_problem: AssertProblem) -> None:
