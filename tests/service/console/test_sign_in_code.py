@@ -3,13 +3,14 @@
 import json
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 
 from service.cli.main import main
 from service.clock import utc_now
 from service.security.auth.sessions import SESSIONS_FILE, add_code, read_sessions
 from service.security.auth.tokens import TOKENS_FILE, add_token, read_tokens, remove_token
 from tests.service.console.conftest import Cell, Open, Opened
+from tests.service.console.test_accessibility import assert_usable
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -34,10 +35,6 @@ def sign_ins(opened: Opened) -> list[str]:
     return [one.post_data or "" for one in opened.requests if one.method == "POST" and "/api/session" in one.url]
 
 
-def fits(page: Page) -> bool:
-    return page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-
-
 def test_a_code_may_be_typed_on_a_phone_in_lower_case_with_a_space(open_console: Open, cell: Cell) -> None:
     opened = open_console(cell.live.client, **PHONE)
     opened.allow_errors("401")
@@ -52,7 +49,7 @@ def test_a_code_may_be_typed_on_a_phone_in_lower_case_with_a_space(open_console:
     field.press_sequentially("aaaa aaaa")
     page.get_by_role("button", name="Sign in").click()
     expect(page.locator("main").get_by_role("alert")).to_contain_text("wrong, was used, or has expired")
-    assert fits(page)
+    assert_usable(page)
     field.fill("")
     field.press_sequentially(code.lower().replace("-", " "))
     page.get_by_role("button", name="Sign in").click()
@@ -103,7 +100,10 @@ def test_a_refused_code_leaves_the_address_and_can_be_replaced(open_console: Ope
 
 def test_a_code_can_replace_another_caller_or_be_left_unused(open_console: Open, cell: Cell) -> None:
     code = code_of_carl(cell)
-    page = open_console(cell.live.client, f"#/sign-in/{code}", token=cell.tokens["viewer"], **PHONE).page
+    address = f"#/sign-in/{code}"
+    page = open_console(cell.live.client, address, token=cell.tokens["viewer"], scheme="dark", **PHONE).page
+    expect(page.get_by_text("You are signed in as an-viewer")).to_be_visible()
+    assert_usable(page)
     page.get_by_role("button", name="Stay signed in as an-viewer").click()
     expect(page.get_by_text("an-viewer, viewer")).to_be_visible()
     assert page.url.endswith("/#/scan")
