@@ -21,7 +21,9 @@ from service.storage.data_folder import OutsideError
 from service.storage.storage_errors import is_full, is_locked
 
 _SCAN_MODES = {"live": "a scan by the arm", "replay": "a scan from a recording"}
-"""Values of the only member, `mode`, that decides between several forms of a request."""
+"""Values of the member `mode`, which decides between the forms of a request for a scan."""
+_FORMS = frozenset({*_SCAN_MODES, "token", "code"})
+"""Names of the forms of the requests that have several: those for a scan, and those to sign in."""
 
 
 def install_problem_handlers(app: FastAPI) -> None:
@@ -86,7 +88,7 @@ async def _on_invalid_request(request: Request, error: Exception) -> JSONRespons
 def _describe_invalid(error: Mapping[str, Any]) -> dict[str, str]:
     """Return the place of an error in a request, and a message that does not need knowledge of Pydantic."""
     place = [str(part) for part in error["loc"]]
-    if place[0] == "body" and place[1:2] and place[1] in _SCAN_MODES:
+    if place[0] == "body" and place[1:2] and place[1] in _FORMS:
         del place[1]  # Pydantic names the form of the request here. The body has no such member.
     where = ".".join(place)
     possible = " or ".join(f'"{mode}" for {meaning}' for mode, meaning in _SCAN_MODES.items())

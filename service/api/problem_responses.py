@@ -13,6 +13,7 @@ DESCRIPTIONS = {
     409: "Not in this state",
     413: "The request is too large",
     422: "The request, or what it refers to, cannot be used",
+    429: "Too many attempts",
     503: "Not now",
     507: "There is too little space on the disk",
 }

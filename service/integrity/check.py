@@ -2,6 +2,7 @@
 
 import shutil
 import stat
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,9 +11,13 @@ from service.integrity.database_check import Rows, check_database
 from service.integrity.finding import REPAIR, Finding, Group
 from service.integrity.recording_check import check_recordings
 from service.integrity.result_check import check_calibrations, check_results
+from service.security.auth.sessions import SESSIONS_FILE, read_sessions
 from service.security.auth.tokens import TOKENS_FILE, TokensError, read_tokens
 from service.states import ACTIVE_STATES
 from service.storage.data_folder import DATABASE
+
+ADD_TOKENS = "put back a copy, or remove it and add the tokens again: `pointchain token add`"
+SIGN_IN_AGAIN = "put back a copy, or remove it; people who signed in with a code must then sign in again"
 
 
 @dataclass(frozen=True)
@@ -117,8 +122,11 @@ def _check_store_once(store: CheckTarget, running: bool | None) -> CheckReport:
         own = runs if store.runs.is_relative_to(root) else []
         findings += check_calibrations(store.runs, own, rows, running)
         checked["calibrations"] = f"{len(rows.calibrations)} calibrations and verifications by the cell"
-    findings += _tokens(root / TOKENS_FILE, store.database if store.database.exists() else root)
-    checked["tokens"] = TOKENS_FILE if (root / TOKENS_FILE).exists() else "no tokens yet"
+    service_path = store.database if store.database.exists() else root
+    findings += _tokens(root / TOKENS_FILE, read_tokens, ADD_TOKENS, service_path)
+    findings += _tokens(root / SESSIONS_FILE, read_sessions, SIGN_IN_AGAIN, service_path)
+    private = [name for name in (TOKENS_FILE, SESSIONS_FILE) if (root / name).exists()]
+    checked["tokens"] = ", ".join(private) or "no tokens yet"
     free = shutil.disk_usage(root).free
     checked["disk"] = f"{free / 2**30:.1f} GiB free"
     if free < store.min_free_bytes:
@@ -171,19 +179,18 @@ def _unfinished(rows: Rows) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _tokens(path: Path, service_path: Path) -> list[Finding]:
-    """Check the file of tokens; `service_path` is any path that belongs to the user of the service."""
+def _tokens(path: Path, read: Callable[[Path], object], advice: str, service_path: Path) -> list[Finding]:
+    """Check a file of tokens or sessions; `service_path` is any path that belongs to the user of the service."""
     if not path.exists():
         return []
     found = []
     mode = stat.S_IMODE(path.stat().st_mode)
     if mode & 0o077:
         what = f"users other than its owner may read or change it (mode {mode:o})"
-        found.append(Finding("tokens", "tokens-open", str(path), what, f"{REPAIR}, or chmod 600", True))
+        found.append(Finding("tokens", "tokens-open", str(path), what, f"{REPAIR}, or chmod 600", True, path.name))
     try:
-        read_tokens(path)
+        read(path)
     except TokensError as error:
-        advice = "put back a copy, or remove it and add the tokens again: `pointchain token add`"
         found.append(Finding("tokens", "tokens-unreadable", str(path), str(error), advice, False))
     else:
         user, file = service_path.stat().st_uid, path.stat()
@@ -191,7 +198,7 @@ def _tokens(path: Path, service_path: Path) -> list[Finding]:
         if user != 0 and not mode & (0o400 if file.st_uid == user else 0o044):
             what = (
                 f"the user of the service (uid {user}) cannot read it, because it belongs to uid {file.st_uid} and "
-                f"has mode {mode:03o}: the service refuses every client"
+                f"has mode {mode:03o}: the service refuses the clients in it"
             )
             advice = f"give it to that user: `chown {user} {path}` and `chmod 600 {path}`"
             found.append(Finding("tokens", "tokens-unreadable", str(path), what, advice, False))

@@ -24,7 +24,6 @@ from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
 from service.integrity.row_repair import rebuild_row
 from service.processing.upload_sandbox import describe_untrusted_recording
-from service.security.auth.tokens import TOKENS_FILE
 from service.storage.data_folder import ID, DataFolder
 from service.storage.database import now, time_of_id
 from service.storage.rows import RecordingRow, insert, stored
@@ -133,8 +132,8 @@ class _Repairer:
             return "it no longer exists"
         return f"moved to {self._lost.move(path, why)}"
 
-    def _restrict_tokens(self, _: str) -> str:
-        (self._target.root / TOKENS_FILE).chmod(0o600)
+    def _restrict_tokens(self, name: str) -> str:
+        (self._target.root / name).chmod(0o600)
         return "now only its owner may read it"
 
     # Rows

@@ -109,6 +109,13 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         group="Retry later",
         parameters=("streams",),
     ),
+    "too-many-wrong-codes": ProblemType(
+        title="Too many wrong codes",
+        status=429,
+        cause="Ten wrong sign-in codes were sent within a minute, by all clients together. Tokens are still accepted.",
+        action="Send the code again after the seconds in `Retry-After`, or sign in with a token.",
+        group="Retry later",
+    ),
     "too-slow": ProblemType(
         title="The request arrives too slowly",
         status=408,
@@ -603,8 +610,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "unauthorized": ProblemType(
         title="Not authenticated",
         status=401,
-        cause="The request has no token, or an unknown one.",
-        action="Send `Authorization: Bearer TOKEN` with a token of `pointchain token add`.",
+        cause="The request has no token, or an unknown one. A sign-in code is wrong, was used, or has expired.",
+        action="Send `Authorization: Bearer TOKEN` with a token of `pointchain token add`. In a browser, a new code of "
+        "`pointchain token code` signs in, too.",
         group="Get access",
     ),
     "board-image": ProblemType(

@@ -1,6 +1,7 @@
 """Routes of liveness and readiness. Readiness has one named check for each part that a scan needs."""
 
 import logging
+import os
 import shutil
 import sqlite3
 from typing import Any
@@ -12,6 +13,7 @@ from service.api.dependencies import Context, Service
 from service.api.problem_responses import problem_responses
 from service.api.schemas.health import Health, Readiness, ReadinessCheck, ReadinessChecks
 from service.problems.document import MEDIA_TYPE, problem_document
+from service.security.auth.sessions import SESSIONS_FILE, read_sessions
 from service.security.auth.tokens import TOKENS_FILE, TokensError, read_tokens
 from service.storage.database import Database
 
@@ -34,8 +36,8 @@ def readyz(service: Service) -> Any:
     """Answer 200 if the service can run a scan, otherwise 503 with the checks that failed.
 
     The service is ready if the database accepts changes, recognition is ready or at work, the disk has space, the
-    service is not stopping, and its file of tokens can be read. The state of the cell is reported but does not count;
-    see `GET /api/cell`.
+    service is not stopping, and its files of tokens and sessions can be read. The state of the cell is reported but
+    does not count; see `GET /api/cell`.
     """
     checks = _run_checks(service)
     failed = _failed_checks(checks)
@@ -72,13 +74,14 @@ def _refusal_reason(service: Context) -> str | None:
     """Return why the service accepts no requests, or None if it accepts them."""
     if service.jobs.closed:
         return "the service is stopping"
-    path = service.store.folder.root / TOKENS_FILE
+    root = service.store.folder.root
     try:
-        read_tokens(path)
+        read_tokens(root / TOKENS_FILE)
+        read_sessions(root / SESSIONS_FILE)
     except TokensError as error:
-        log.warning("the tokens cannot be read: %s", error)
+        log.warning("the tokens or sessions cannot be read: %s", error)
         # without the folder, because everyone may read the answer
-        reason = str(error).replace(str(path), TOKENS_FILE)
+        reason = str(error).replace(f"{root}{os.sep}", "")
         return f"{reason}; clients may be refused, also when they stop the arm"
     return None
 

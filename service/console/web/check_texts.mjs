@@ -13,6 +13,7 @@ const TEXT_ATTRIBUTES = new Set(["alt", "aria-label", "doing", "empty", "label",
 const STYLES = new Set(["class", "className", "kind", "font", "background"]);
 const NO_TEXT = new Set([
   "pointchain token add", // a command
+  "pointchain token code NAME", // a command
   "mode", // the group of radio buttons
 ]);
 const KEYS = /^(Arrow(Left|Right|Up|Down)|Escape|Enter)$/;

@@ -7,37 +7,30 @@ token is 32 random bytes, which cannot be guessed.
 
 import hashlib
 import hmac
-import json
-import logging
-import os
 import re
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from calibration.atomic_write import TooLargeError, read_limited, replace_synced
+from service.clock import utc_now
 from service.security.auth.caller import LOCAL, Role
-
-log = logging.getLogger(__name__)
+from service.security.auth.private_file import (
+    TokensError,
+    WatchedFile,
+    lock_for_change,
+    read_document,
+    write_document,
+)
 
 TOKENS_FILE = "tokens.json"
 PREFIX = "pct_"
 """Start of every token, by which people and secret scanners recognise it."""
-MAX_FILE_BYTES = 1 << 20
 NAME_PATTERN = r"^[A-Za-z][A-Za-z0-9._-]{0,63}$"
 RESERVED_NAMES = (LOCAL.name, "service", "console")
 """Names with another meaning in the audit log."""
-
-
-class TokensError(ValueError):
-    """The tokens cannot be read or changed."""
-
-    slug = "tokens"
 
 
 class Token(BaseModel):
@@ -70,47 +63,25 @@ class TokenFile:
     """The current tokens. The file is read again when it has changed. Not safe to use from several threads."""
 
     def __init__(self, data_dir: Path) -> None:
-        self._path = data_dir / TOKENS_FILE
-        self._file_state: object = ()  # nothing is known yet, not even that there is no file
-        """Times, size and inode of the file that was read last, None without a file, or the number of an error."""
-        self._tokens: tuple[Token, ...] = ()
-        self._unreadable = False
+        self._file = WatchedFile(data_dir / TOKENS_FILE, _TokensDocument)
 
     @property
     def is_empty(self) -> bool:
         """Whether there are no tokens. False if the file cannot be read."""
-        self._reload_if_changed()
-        return not self._tokens and not self._unreadable
+        return not self._file.document.tokens and not self._file.unreadable
 
     def find(self, token: str) -> Token | None:
         """Return the stored part of a token, or None if the token is unknown."""
-        self._reload_if_changed()
-        digest = hash_token(token)
+        return self.find_hash(hash_token(token))
+
+    def find_hash(self, sha256: str) -> Token | None:
+        """Return the stored part of the token with this SHA-256, or None if there is no such token."""
         found = None
         # All tokens are compared, each in constant time, so that the duration reveals nothing about them.
-        for known in self._tokens:
-            if hmac.compare_digest(known.sha256, digest):
+        for known in self._file.document.tokens:
+            if hmac.compare_digest(known.sha256, sha256):
                 found = known
         return found
-
-    def _reload_if_changed(self) -> None:
-        """Read the file if it has changed. If it cannot be read, keep the tokens that were read before."""
-        try:
-            now = self._path.stat()
-            state: object = (now.st_mtime_ns, now.st_ctime_ns, now.st_size, now.st_ino)
-        except FileNotFoundError:
-            state = None
-        except OSError as error:
-            state = error.errno
-        if state == self._file_state:
-            return
-        self._file_state = state
-        try:
-            self._tokens = read_tokens(self._path)
-            self._unreadable = False
-        except TokensError as error:
-            self._unreadable = True
-            log.error("%s; the tokens that were read before stay valid until the file is repaired", error)
 
 
 def hash_token(token: str) -> str:
@@ -124,19 +95,7 @@ def read_tokens(path: Path) -> tuple[Token, ...]:
     Raises:
         TokensError: The file cannot be read, or its content is invalid.
     """
-    try:
-        content = read_limited(path, MAX_FILE_BYTES)
-        return _TokensDocument.model_validate_json(content).tokens
-    except FileNotFoundError:
-        return ()
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise TokensError(f"{path} is damaged: {where + ': ' if where else ''}{first['msg']}") from error
-    except TooLargeError as error:
-        raise TokensError(str(error)) from error
-    except OSError as error:
-        raise TokensError(f"{path} cannot be read: {error.strerror or error}") from error
+    return read_document(path, _TokensDocument).tokens
 
 
 def add_token(data_dir: Path, name: str, role: Role) -> str:
@@ -161,12 +120,14 @@ def add_token(data_dir: Path, name: str, role: Role) -> str:
     if name in RESERVED_NAMES:
         raise TokensError(f"{name!r} cannot be a token's name: the audit log uses it; choose another name")
     token = PREFIX + secrets.token_urlsafe(32)
-    with _lock_for_change(data_dir) as path:
+    path = data_dir / TOKENS_FILE
+    with lock_for_change(path):
         tokens = read_tokens(path)
         if any(known.name == name for known in tokens):
             raise TokensError(f"there is already a token {name}: remove it first, or choose another name")
-        created = datetime.now(UTC).replace(microsecond=0)
-        _write(path, (*tokens, Token(name=name, role=role, sha256=hash_token(token), created=created)))
+        created = utc_now().replace(microsecond=0)
+        added = Token(name=name, role=role, sha256=hash_token(token), created=created)
+        write_document(path, _TokensDocument(tokens=(*tokens, added)))
     return token
 
 
@@ -183,43 +144,23 @@ def remove_token(data_dir: Path, name: str) -> tuple[Token, ...]:
     Raises:
         TokensError: There is no token of this name, or the file cannot be read or written.
     """
-    with _lock_for_change(data_dir) as path:
+    path = data_dir / TOKENS_FILE
+    with lock_for_change(path):
         tokens = read_tokens(path)
+        find_token(tokens, name)
         remaining = tuple(token for token in tokens if token.name != name)
-        if remaining == tokens:
-            known = ", ".join(token.name for token in tokens) or "none"
-            raise TokensError(f"there is no token {name}; the existing tokens are: {known}")
-        _write(path, remaining)
+        write_document(path, _TokensDocument(tokens=remaining))
     return remaining
 
 
-@contextmanager
-def _lock_for_change(data_dir: Path) -> Iterator[Path]:
-    """Lock the file against other writers and yield its path. The folder is created if it does not exist."""
-    try:
-        data_dir.mkdir(parents=True, exist_ok=True)
-        with _lock(data_dir):
-            yield data_dir / TOKENS_FILE
-    except OSError as error:
-        raise TokensError(f"{data_dir / TOKENS_FILE} cannot be written: {error.strerror or error}") from error
+def find_token(tokens: tuple[Token, ...], name: str) -> Token:
+    """Return the token of a name.
 
-
-@contextmanager
-def _lock(folder: Path) -> Iterator[None]:
-    """Lock a folder itself; a running service always holds the lock file in it."""
-    try:
-        import fcntl
-    except ImportError:  # not POSIX: there is no lock
-        yield
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
-
-
-def _write(path: Path, tokens: tuple[Token, ...]) -> None:
-    document = _TokensDocument(tokens=tokens).model_dump(mode="json")
-    replace_synced(path, (json.dumps(document, indent=2) + "\n").encode(), mode=0o600)
+    Raises:
+        TokensError: There is no token of this name.
+    """
+    found = next((token for token in tokens if token.name == name), None)
+    if found is None:
+        known = ", ".join(token.name for token in tokens) or "none"
+        raise TokensError(f"there is no token {name}; the existing tokens are: {known}")
+    return found

@@ -17,7 +17,7 @@ from service.security.middleware.request_line import (
 
 REFUSALS = frozenset(
     {"unauthorized", "forbidden", "host-not-allowed", "cross-origin", "token-in-query", "target-too-long",
-     "headers-too-large", "too-many-streams", "not-found", "method-not-allowed"}
+     "headers-too-large", "too-many-streams", "too-many-wrong-codes", "not-found", "method-not-allowed"}
 )  # fmt: skip
 """Problems of refused requests. Repeated refusals are counted and written as one entry."""
 IGNORED_IF_SAFE = frozenset({"not-found", "method-not-allowed"})
@@ -84,4 +84,6 @@ def _caller_name_and_role(scope: Scope) -> tuple[str, str]:
 
 
 def _request_line(scope: Scope) -> str:
-    return f"{scope['method'][:10]} {printable_path(scope['path'])}"
+    note = scope.get("state", {}).get("audit_note")
+    line = f"{scope['method'][:10]} {printable_path(scope['path'])}"
+    return line if note is None else f"{line} ({note})"

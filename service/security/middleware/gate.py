@@ -14,12 +14,14 @@ from service.security.auth.allowed_hosts import AllowedHosts
 from service.security.auth.authentication import Authenticator
 from service.security.auth.caller import Role
 from service.security.auth.roles import Call, OtherMethods, find_call
+from service.security.auth.sessions import SESSION_PREFIX
 from service.security.auth.tokens import PREFIX
 from service.security.middleware.csrf import check_origin
 from service.security.middleware.refusal import refuse
 
 MAX_TARGET_BYTES = 2048
 MAX_HEADERS_BYTES = 16 * 2**10
+SECRET_PREFIXES = (PREFIX, SESSION_PREFIX)
 SECRET_PARAMETERS = frozenset(
     {"token", "access_token", "accesstoken", "auth", "auth_token", "authorization", "bearer", "api_key", "apikey",
      "api-key", "key", "secret", "password"}
@@ -123,7 +125,7 @@ def check_query(scope: Scope) -> None:
         ProblemError: The path or the query has a token (`token-in-query`).
     """
     query = scope["query_string"].decode("latin-1")
-    in_path = PREFIX in scope["path"]
+    in_path = any(prefix in scope["path"] for prefix in SECRET_PREFIXES)
     if not in_path and (not query or not _has_secret(query)):
         return
     # The server's own log reads the address from the scope.
@@ -138,6 +140,6 @@ def check_query(scope: Scope) -> None:
 
 
 def _has_secret(query: str) -> bool:
-    if PREFIX in unquote(query):
+    if any(prefix in unquote(query) for prefix in SECRET_PREFIXES):
         return True
     return any(name.strip().lower() in SECRET_PARAMETERS for name, _ in parse_qsl(query, keep_blank_values=True))

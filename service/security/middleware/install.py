@@ -8,7 +8,9 @@ from service.config.loader import ServiceConfig
 from service.security.audit.log import AuditLog
 from service.security.auth.allowed_hosts import AllowedHosts, is_loopback
 from service.security.auth.authentication import Authenticator
+from service.security.auth.code_sign_in import CodeSignIn
 from service.security.auth.roles import Call, find_call
+from service.security.auth.sessions import SessionFile
 from service.security.auth.tokens import TokenFile
 from service.security.middleware.audit_recorder import AuditMiddleware
 from service.security.middleware.body_limits import BodyLimits, BodyTimeouts
@@ -40,7 +42,9 @@ def install_security(app: FastAPI, config: ServiceConfig, audit: AuditLog, uploa
         upload_path=upload_path,
         timeouts=BodyTimeouts(),
     )
-    app.state.authenticator = authenticator = Authenticator(TokenFile(config.data_dir), is_loopback(config.host))
+    tokens, sessions = TokenFile(config.data_dir), SessionFile(config.data_dir)
+    app.state.authenticator = authenticator = Authenticator(tokens, sessions, is_loopback(config.host))
+    app.state.code_sign_in = CodeSignIn(config.data_dir)
     hosts = AllowedHosts(config.host, config.security.allowed_hosts)
     app.add_middleware(Gate, authenticator=authenticator, hosts=hosts)
     app.add_middleware(AuditMiddleware, audit=audit)

@@ -17,9 +17,11 @@ from cell.simulation.ur_controller.admin_client import AdminClient
 from service.api.examples import EXAMPLES_FILE
 from service.api.openapi import format_json
 from service.app import create_app
+from service.clock import utc_now
 from service.config.loader import ServiceConfig
 from service.problems.document import PREFIX
 from service.security.auth.caller import Role
+from service.security.auth.sessions import add_code
 from service.security.auth.tokens import PREFIX as TOKEN_PREFIX
 from service.security.auth.tokens import add_token
 from service.states import ACTIVE_STATES
@@ -210,7 +212,7 @@ def shorten(value: Any) -> Any:
     return value
 
 
-def record_session(recorder: Recorder, planner: str) -> None:
+def record_session(recorder: Recorder, data: Path, planner: str) -> None:
     recorder.record("none", "Nobody is signed in", "GET", "/api/session", role=None)
     recorder.record("operator", "Signed in with a token", "GET", "/api/session")
     sign_in = ("POST", "/api/session")
@@ -219,6 +221,13 @@ def record_session(recorder: Recorder, planner: str) -> None:
         {"token": planner},
         shown_body={"token": "TOKEN"},
         role=None,
+    )
+    recorder.record(
+        *("code", "Sign in with a code", *sign_in),
+        {"code": add_code(data, "planner", 10, utc_now()).code},
+        shown_body={"code": "7K3M-Q9TX"},
+        role=None,
+        keep_answer=False,
     )
     recorder.record_refusal(*sign_in, {"token": "TOKEN"}, role=None)
     recorder.record("none", "Nobody is signed in any more", "DELETE", "/api/session")
@@ -359,7 +368,7 @@ def record(data: Path, log: Path) -> dict[str, dict[str, Any]]:
             "maintainer": add_token(data, "integrator", "maintainer"),
         }
         recorder = Recorder(client, tokens)
-        record_session(recorder, tokens["operator"])
+        record_session(recorder, data, tokens["operator"])
         record_cell(recorder)
         scan = record_live_scans(recorder)
         record_results(recorder, scan)

@@ -256,9 +256,10 @@ def test_a_running_service_allows_a_check_but_no_repair(data: Data) -> None:
     folder.close()
 
 
-def test_tokens_readable_by_other_users_are_restricted(data: Data) -> None:
-    path = data.root / "tokens.json"
-    path.write_text('{"schema_version": 1, "tokens": []}')
+@pytest.mark.parametrize("name", ["tokens.json", "sessions.json"])
+def test_tokens_and_sessions_readable_by_other_users_are_restricted(data: Data, name: str) -> None:
+    path = data.root / name
+    path.write_text('{"schema_version": 1}')
     path.chmod(0o644)
     assert data.codes() == {"tokens-open"}
     data.repair()

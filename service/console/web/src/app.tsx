@@ -12,8 +12,8 @@ import { narrow } from "./ui/narrow";
 /** Everything below the bar. */
 export function App() {
   if (caller.value === undefined) return <main id="main">{t("app.waiting")}</main>;
-  if (caller.value === null) return <Login />;
-  const { screen, id } = route.value;
+  const { screen, id, signInCode } = route.value;
+  if (caller.value === null || signInCode !== null) return <Login />;
   return (
     <>
       <nav aria-label={t("app.screens")}>

@@ -8,7 +8,7 @@ import httpx2
 import pytest
 
 from service.security.audit.reader import read_audit
-from service.security.auth.session_cookie import cookie_name, session_cookie, token_in_cookie
+from service.security.auth.session_cookie import cookie_name, secret_in_cookie, session_cookie
 from service.security.auth.tokens import PREFIX, add_token, remove_token
 from tests.service.conftest import Serve
 from tests.service.security.conftest import Guarded, without_recognition
@@ -139,7 +139,7 @@ def test_two_cookies_of_the_same_name_are_ignored(guarded: Guarded) -> None:
 def test_each_port_of_a_host_has_its_own_cookie(host: str, name: str) -> None:
     scope = {"headers": [(b"host", host.encode()), (b"cookie", f"x_{name}=pct_a; {name}=pct_b".encode())]}
     assert cookie_name(scope) == name
-    assert token_in_cookie(scope) == "pct_b"
+    assert secret_in_cookie(scope) == "pct_b"
 
 
 def test_the_audit_log_has_each_sign_in_without_the_token(

@@ -21,9 +21,20 @@ export async function refreshSession(): Promise<void> {
   caller.value = (await resultOf(api.GET("/api/session"))).caller;
 }
 
-/** Sign in with a token. */
-export async function signIn(token: string): Promise<void> {
-  caller.value = (await resultOf(api.POST("/api/session", { body: { token } }))).caller;
+/** Start of every token. */
+const TOKEN_PREFIX = "pct_";
+/** A longer text is no code, even with spaces and dashes. */
+const MAX_CODE_LENGTH = 20;
+
+/** Return whether a text is a token and not a code, as far as its form says. */
+export function isToken(text: string): boolean {
+  return text.trim().startsWith(TOKEN_PREFIX) || text.trim().length > MAX_CODE_LENGTH;
+}
+
+/** Sign in with a code or a token. */
+export async function signIn(text: string): Promise<void> {
+  const body = isToken(text) ? { token: text } : { code: text };
+  caller.value = (await resultOf(api.POST("/api/session", { body }))).caller;
 }
 
 /** Sign out of this browser. */
