@@ -44,5 +44,6 @@ FIND_FAULTS = """() => {
 def assert_texts_fit(page: Page) -> None:
     """Assert that no text is cut off, outside the page, or drawn over another one. The page must be at its top."""
     page.evaluate("() => scrollTo(0, 0)")
-    assert page.evaluate(FIND_FAULTS) == []
+    faults = page.evaluate(FIND_FAULTS)
+    assert not faults, "\n".join(faults)
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

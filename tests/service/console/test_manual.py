@@ -145,6 +145,7 @@ def test_a_refusal_has_a_link(open_console: Open, cell: Cell) -> None:
 
 def test_nothing_hides_stop_on_a_phone(open_console: Open, client: ServedClient) -> None:
     page = open_console(client, width=360).page
+    page.get_by_role("button", name="Robot, camera and calibration").click()
     expect(page.get_by_role("banner").get_by_role("link", name="What to do")).to_be_visible()
     expect(page.get_by_role("link", name="Help for this page")).to_be_visible()
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

