@@ -26,7 +26,7 @@ def scan(page: Page) -> None:
     """Run a live scan and open its result."""
     page.get_by_label("String radius, in mm", exact=True).fill("4.2")
     page.get_by_role("button", name="Scan: the arm will move").click()
-    expect(page.get_by_text("Recording view 6 of 8")).to_be_visible()
+    expect(page.get_by_text("5 of 8 views recorded")).to_be_visible()
     page.wait_for_function("() => [...document.images].every((one) => one.complete)")
     save_picture(page, "scan")
     page.get_by_role("link", name="Look at the result").click()
