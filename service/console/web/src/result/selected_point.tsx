@@ -1,3 +1,4 @@
+import { useEffect, useRef } from "preact/hooks";
 import type { Model } from "../net/api";
 import { mm, plusMinus, pointText } from "../texts/format";
 import { t } from "../texts/translate";
@@ -5,17 +6,24 @@ import { HintedEntry } from "../ui/hint";
 import { pointAt } from "../view3d/arc_length";
 import type { Target } from "../view3d/scene";
 import type { Selection } from "../viewer/viewer";
+import { revealBeside } from "./reveal";
 
 interface SelectedPointProps {
   model: Model;
-  target: Target | null;
+  target: Target;
+  /** It was selected in the 3D view, so the page may have to scroll to the panel. */
+  picked: boolean;
   select: (selection: Selection | null) => void;
 }
 
 /** The selected point of a string, with buttons to step along the string. */
-export function SelectedPoint({ model, target, select }: SelectedPointProps) {
-  const chain = target?.kind === "point" ? model.chains.find((one) => one.id === target.chain) : undefined;
-  if (target?.kind !== "point" || chain === undefined) return <p class="small">{t("result.point.none")}</p>;
+export function SelectedPoint({ model, target, picked, select }: SelectedPointProps) {
+  const section = useRef<HTMLElement>(null);
+  useEffect(() => {
+    if (picked && section.current !== null) revealBeside(section.current);
+  }, [picked, target]);
+  const chain = target.kind === "point" ? model.chains.find((one) => one.id === target.chain) : undefined;
+  if (target.kind !== "point" || chain === undefined) return null;
   const { index } = pointAt(chain, target.s_m);
   const s_m = chain.arc_length_m[index] ?? 0;
   const views = chain.views[index] ?? 0;
@@ -25,7 +33,7 @@ export function SelectedPoint({ model, target, select }: SelectedPointProps) {
     select({ target: { kind: "point", chain: chain.id, s_m: chain.arc_length_m[next] ?? 0 }, turn: false });
   };
   return (
-    <section class="panel point" aria-label={t("result.point.region")}>
+    <section ref={section} class="panel point" aria-label={t("result.point.region")}>
       <h2>{t("result.point.title", { string: chain.id, index })}</h2>
       <dl>
         <dt>{t("result.point.position")}</dt>

@@ -83,8 +83,9 @@ export class LabelLayer {
     this.element.classList.toggle("quiet", !shown);
   }
 
-  draw(scene: Scene, screen: Screen, strings: readonly Rectangle[]): void {
-    this.taken = [];
+  /** Place the labels; none covers the area `kept`. */
+  draw(scene: Scene, screen: Screen, strings: readonly Rectangle[], kept: Rectangle): void {
+    this.taken = [{ area: kept, target: null, rank: -1 }];
     if (this.element.classList.contains("quiet")) return;
     const objects = labelsIn(scene);
     if (objects.some((object) => dataOf(object).size === null)) {

@@ -211,8 +211,8 @@ export class Stage implements View3D {
     PIXEL.value = 1 / pixelsAhead(screen);
     SHARPNESS.value = this.renderer.getPixelRatio();
     this.renderer.render(this.scene, this.orbit.camera);
-    this.labels.draw(this.scene, screen, covered(this.content.model?.chains ?? [], screen));
     this.scale.update(pixelsAhead(screen) / this.orbit.distance_m);
+    this.labels.draw(this.scene, screen, covered(this.content.model?.chains ?? [], screen), this.scale.area);
     this.canvas.dataset.frames = String(++this.frames);
   }
 
