@@ -8,9 +8,11 @@ import { Failed } from "../ui/action";
 import { pointAt } from "../view3d/arc_length";
 import { orderGradient } from "../view3d/order_colours";
 import type { Other, Target } from "../view3d/scene";
+import type { View3D } from "../view3d/view3d";
 import { type Selection, Viewer } from "../viewer/viewer";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
+import { Files } from "./files";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
@@ -49,6 +51,7 @@ function Result({ id }: { id: string }) {
     () => ({ model, grasps, cloud, views, others, heights: map }),
     [model, grasps, cloud, views, others, map],
   );
+  const [view, setView] = useState<View3D | null>(null);
   const drawn = useRef<HTMLDivElement>(null);
   useEffect(() => (drawn.current === null ? undefined : keepBelowBar(drawn.current)), []);
   const show = (target: Target) => {
@@ -81,6 +84,7 @@ function Result({ id }: { id: string }) {
           onDemand={scan?.links.height_map ? { layer: "heights", set: heights.show } : null}
           selection={selection}
           picked={(target) => select({ target: model === null ? target : onPoint(model, target), turn: false })}
+          opened={setView}
           fallback={scan?.links.preview}
         />
         <div class="legends">
@@ -107,6 +111,7 @@ function Result({ id }: { id: string }) {
             </>
           )}
           {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
+          <Files scan={scan} model={model} view={view} />
         </div>
       )}
     </div>

@@ -14,6 +14,7 @@ import { drawOthers } from "./compared_methods";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
 import { pick } from "./pick";
+import { pictureOf } from "./picture";
 import { PIXEL, SHARPNESS } from "./pixel";
 import { readCloud } from "./ply";
 import { drawGeometry } from "./geometry";
@@ -62,15 +63,15 @@ export class Stage implements View3D {
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    labels: HTMLElement,
+    private readonly overlay: HTMLElement,
     picked: (target: Target) => void,
   ) {
     this.renderer = openGraphics(canvas);
     this.palette = paletteOf(canvas, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.orbit = new Orbit(canvas, () => this.requestFrame());
     this.scene.add(this.orbit.camera, new AmbientLight(0xffffff, 2));
-    this.labels = new LabelLayer(labels);
-    this.scale = new Scale(labels);
+    this.labels = new LabelLayer(overlay);
+    this.scale = new Scale(overlay);
     const { signal } = this.ends;
     canvas.addEventListener("webglcontextlost", () => this.empty(), { signal });
     canvas.addEventListener("webglcontextrestored", () => this.update(), { signal });
@@ -132,6 +133,11 @@ export class Stage implements View3D {
   scheme(scheme: Scheme): void {
     this.palette = paletteOf(this.canvas, scheme);
     this.update();
+  }
+
+  picture(): Promise<Blob> {
+    this.draw();
+    return pictureOf(this.canvas, this.overlay);
   }
 
   dispose(): void {

@@ -25,6 +25,8 @@ interface ViewerProps {
   onDemand?: { layer: Layer; set: (shown: boolean) => void } | null;
   selection?: Selection | null;
   picked?: (target: Target) => void;
+  /** Called with the 3D view once it is open. */
+  opened?: (view: View3D) => void;
   /** Image for browsers that cannot draw in 3D. */
   fallback?: string | null;
 }
@@ -67,6 +69,7 @@ export function Viewer(props: ViewerProps) {
       follow();
       dark.addEventListener("change", follow);
       setView(open);
+      props.opened?.(open);
     });
     return () => {
       gone = true;
