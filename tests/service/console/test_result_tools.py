@@ -1,14 +1,17 @@
-"""The tools of the page of a result: files."""
+"""The tools of the page of a result: measuring, copying and files."""
 
 import csv
 import io
+import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import Locator, Page, Route, expect
 
 from service.interchange.point_files import to_csv
 from tests.service.conftest import ServedClient
@@ -70,3 +73,168 @@ def rows(table: bytes) -> list[list[str]]:
 def numbers(table: bytes) -> NDArray[np.float64]:
     """Return the numbers of a CSV file without its header."""
     return np.array(rows(table)[1:], dtype=np.float64)
+
+
+def with_ends(page: Page, closed: bool = False) -> None:
+    """Give the model a finding about each end, so that the ends can be selected by keyboard."""
+    ends = [
+        {"code": "any", "severity": "doubt", "message": end, "chains": [0], "end": end} for end in ("first", "last")
+    ]
+
+    def answer(route: Route) -> None:
+        model = json.loads(route.fetch().body())
+        model["quality"] |= {"verdict": "review", "findings": ends}
+        model["chains"][0]["closed"] = closed
+        route.fulfill(json=model)
+
+    page.route("**/model", answer)
+    page.keyboard.press("2")
+    wait_until_drawn(page)
+
+
+def test_a_distance_is_measured_by_keyboard(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed).page
+    with_ends(page)
+    model = original_model(crossed)
+    chain, crossing = model["chains"][0], model["crossings"][0]
+    points, sigma_m = np.array(chain["points"]), chain["sigma_m"]
+    page.get_by_role("button", name="First.").press("Enter")
+    page.get_by_role("button", name="Measure from here").press("Enter")
+    measurement = page.get_by_role("region", name="Measurement")
+    expect(measurement).to_contain_text("From: String 0, point 0. Now select the second point")
+    expect(page.locator(".label3d.measured")).to_have_text("measured from here")
+    for _ in range(3):
+        page.get_by_role("button", name="Next point").press("Enter")
+    x, y, z = points[3] - points[0]
+    distance = f"{np.linalg.norm([x, y, z]) * 1000:.1f} mm"
+    for text in (
+        "To: String 0, point 3.",
+        f"{distance} ± {np.hypot(sigma_m[0], sigma_m[3]) * 1000:.2f} mm",
+        f"x {x * 1000:.1f} mm, y {y * 1000:.1f} mm, z {z * 1000:.1f} mm",
+        f"Along the string\n{chain['arc_length_m'][3] * 1000:.1f} mm",
+    ):
+        assert text in measurement.inner_text().replace("\n\n", "\n")
+    expect(page.locator(".label3d.measured")).to_have_text(distance)
+
+    page.get_by_role("button", name="lies over").press("Enter")
+    to_crossing = np.linalg.norm(np.array(crossing["point"]) - points[0])
+    expect(measurement).to_contain_text(f"{to_crossing * 1000:.1f} mm")
+    expect(measurement).not_to_contain_text("Along the string")
+    page.get_by_role("button", name="End the measurement").press("Enter")
+    expect(page.locator(".label3d.measured")).to_have_count(0)
+
+
+def test_a_ring_has_two_lengths_between_two_points(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed).page
+    with_ends(page, closed=True)
+    chain = original_model(crossed)["chains"][0]
+    page.get_by_role("button", name="First.").click()
+    page.get_by_role("button", name="Measure from here").click()
+    for _ in range(3):
+        page.get_by_role("button", name="Next point").click()
+    near = chain["arc_length_m"][3]
+    far = chain["length_m"] - near
+    measurement = page.get_by_role("region", name="Measurement")
+    expect(measurement).to_contain_text(f"{near * 1000:.1f} mm, or {far * 1000:.1f} mm the other way round")
+
+
+def test_measured_points_and_heights_are_picked(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed, "#/result").page
+    wait_until_drawn(page)
+    for layer in ("Strings", "Crossings", "Labels"):
+        page.get_by_label(layer, exact=True).uncheck()
+    page.get_by_role("button", name="From above").click()
+    cloud = crossed.get(crossed.get("/api/scans").json()["scans"][-1]["links"]["cloud"]).content
+    points = np.frombuffer(cloud.partition(b"end_header\n")[2], dtype="<f4").reshape(-1, 3)
+    picked = pick(page, "Measured point")
+    assert np.linalg.norm(points - picked, axis=1).min() < 1e-4
+    page.get_by_label("Measured points", exact=True).uncheck()
+    page.get_by_label("Height map").check()
+    expect(page.get_by_text("Height above the table:")).to_be_visible()
+    page.get_by_role("button", name="Deselect").click()
+    x, y, z = pick(page, "Measured point")
+    heights = crossed.get(crossed.get("/api/scans").json()["scans"][-1]["links"]["height_map"]).json()
+    column, row = int((x - heights["x_m"]) / heights["cell_m"]), int((y - heights["y_m"]) / heights["cell_m"])
+    assert heights["z_m"][column][row] == pytest.approx(z, abs=1e-4)
+
+
+def pick(page: Page, name: str) -> NDArray[np.float64]:
+    """Click along a line of the view until something is selected; return its position, metres."""
+    box = page.locator("canvas").bounding_box()
+    assert box is not None
+    panel = page.get_by_role("region", name="Selected point")
+    for share in np.linspace(0.3, 0.7, 60):
+        page.mouse.click(box["x"] + box["width"] * share, box["y"] + box["height"] * 0.45)
+        if panel.count():
+            expect(panel.get_by_role("heading")).to_contain_text(name)
+            return np.array(re.findall(r"-?\d+\.\d", panel.locator("dd").first.inner_text()), dtype=float) / 1000
+    pytest.fail(f"no click selected a {name}")
+
+
+def copied(page: Page, region: str) -> dict[str, Any]:
+    """Press the button that copies in a region, and return what a person can then paste."""
+    part = page.get_by_role("region", name=region)
+    part.get_by_role("button", name="Copy as JSON").click()
+    expect(part.get_by_role("status")).to_have_text("✓ Copied")
+    page.evaluate("() => document.body.append(Object.assign(document.createElement('textarea'), {id: 'paste'}))")
+    page.locator("#paste").press("ControlOrMeta+v")
+    pasted = page.locator("#paste").input_value()
+    page.evaluate("() => document.querySelector('#paste').remove()")
+    return json.loads(pasted)
+
+
+@pytest.mark.parametrize("clipboard", [True, False])
+def test_a_position_and_a_grasp_are_copied(open_console: Open, crossed: ServedClient, clipboard: bool) -> None:
+    """A page of `http://cell:8000` has no `navigator.clipboard`."""
+    page = open_console(crossed).page
+    if clipboard:
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    else:
+        page.evaluate("() => Object.defineProperty(navigator, 'clipboard', {value: undefined})")
+    joints = [0.1, -1.2, 1.3, 0.0, 0.5, 0.0]
+
+    def with_reach(route: Route) -> None:
+        document = json.loads(route.fetch().body())
+        reach = {"reachable": True, "path_free": True, "reason": None, "message": None}
+        for grasp in document["grasps"]:
+            grasp["reach"] = reach | {"q_pregrasp_rad": joints, "q_grasp_rad": joints[::-1]}
+        route.fulfill(json=document)
+
+    page.route(re.compile("/grasps([?]|$)"), with_reach)
+    with_ends(page)
+    model = original_model(crossed)
+    chain, crossing, grasp = model["chains"][0], model["crossings"][0], model["grasps"][0]
+    base = {"scan": model["provenance"]["scan"], "frame": "base"}
+    page.get_by_role("button", name="Last.").click()
+    last = len(chain["points"]) - 1
+    assert copied(page, "Selected point") == base | {
+        "chain": 0,
+        "index": last,
+        "s_m": chain["arc_length_m"][last],
+        "point_m": chain["points"][last],
+        "sigma_m": chain["sigma_m"][last],
+    }
+    page.get_by_role("button", name="lies over").click()
+    position = copied(page, "Selected point")
+    assert position | base == position
+    assert (position["point_m"], position["over"]) == (crossing["point"], crossing["over"])
+    page.get_by_role("button", name=re.compile("^0: string .* fingers")).click()
+    pose = copied(page, "Selected grasp")
+    assert pose | base == pose
+    for member in ("T_base_grasp", "T_base_flange", "s_m", "opening_m", "trusted"):
+        assert pose[member] == grasp[member]
+    assert (pose["reachable"], pose["q_pregrasp_rad"], pose["q_grasp_rad"]) == (True, joints, joints[::-1])
+
+
+def test_a_text_that_cannot_be_copied_is_selected_for_the_person(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed).page
+    page.evaluate("() => Object.defineProperty(navigator, 'clipboard', {value: undefined})")
+    page.evaluate("() => { document.execCommand = () => false; }")
+    with_ends(page)
+    page.get_by_role("button", name="First.").click()
+    page.get_by_role("button", name="Copy as JSON").first.click()
+    field = page.get_by_label("press Ctrl+C")
+    expect(field).to_be_focused()
+    assert page.evaluate("() => getSelection().toString()") == field.input_value()
+    assert json.loads(field.input_value())["point_m"] == original_model(crossed)["chains"][0]["points"][0]
+    expect(page.get_by_text("✓ Copied")).to_have_count(0)

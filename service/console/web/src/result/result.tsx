@@ -17,10 +17,12 @@ import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
 import { listedGrasps } from "./listed_grasps";
+import { Measuring, measuredTo } from "./measuring";
 import { NewestResult } from "./newest_result";
-import { keepBelowBar, reveal } from "./reveal";
+import { type Position, positionOf } from "./position";
+import { keepBelowBar, reveal, revealBeside } from "./reveal";
 import { ScanNotes } from "./scan_notes";
-import { SelectedPoint } from "./selected_point";
+import { SelectedPosition } from "./selected_position";
 import { Strings } from "./strings";
 import { useHeights } from "./use_heights";
 import { useReach } from "./use_reach";
@@ -47,12 +49,21 @@ function Result({ id }: { id: string }) {
     () => (model === null ? [] : listedGrasps(model, reach.grasps, grasp)),
     [model, reach.grasps, grasp],
   );
+  const [from, measureFrom] = useState<Position | null>(null);
+  const to = measuredTo(from, selection?.target ?? null, model);
+  const measured = useMemo(() => from && { from: from.point, to: to?.point ?? null }, [from, to?.name]);
   const content = useMemo(
-    () => ({ model, grasps, cloud, views, others, heights: map }),
-    [model, grasps, cloud, views, others, map],
+    () => ({ model, grasps, cloud, views, others, heights: map, measured }),
+    [model, grasps, cloud, views, others, map, measured],
   );
   const [view, setView] = useState<View3D | null>(null);
   const drawn = useRef<HTMLDivElement>(null);
+  const selected = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    // A position that was picked in the picture is described beside it.
+    if (selection === null || selection.turn || model === null || positionOf(selection.target, model) === null) return;
+    if (selected.current !== null) revealBeside(selected.current);
+  }, [selection]);
   useEffect(() => (drawn.current === null ? undefined : keepBelowBar(drawn.current)), []);
   const show = (target: Target) => {
     select({ target, turn: true });
@@ -96,9 +107,18 @@ function Result({ id }: { id: string }) {
           <Failed failure={heights.failure} />
         </div>
       </div>
-      {model !== null && selection !== null && (
-        <div class="selected">
-          <SelectedPoint model={model} target={selection.target} picked={!selection.turn} select={select} />
+      {model !== null && scan !== null && (
+        <div class="selected" ref={selected}>
+          {from !== null && <Measuring scan={scan} from={from} to={to} end={() => measureFrom(null)} />}
+          {selection !== null && (
+            <SelectedPosition
+              scan={scan}
+              model={model}
+              target={selection.target}
+              select={select}
+              measureFrom={measureFrom}
+            />
+          )}
         </div>
       )}
       {model !== null && scan !== null && (
@@ -107,7 +127,7 @@ function Result({ id }: { id: string }) {
             <>
               <Strings model={model} show={show} />
               <Crossings model={model} show={show} />
-              <Grasps model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
+              <Grasps scan={scan} model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
             </>
           )}
           {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}

@@ -33,6 +33,12 @@ export interface Other {
   model: Model;
 }
 
+/** A distance that a person measures; `to` is null until the second position is selected. */
+export interface Measured {
+  from: Point;
+  to: Point | null;
+}
+
 /** The content to draw; unknown parts are null or empty. */
 export interface Content {
   model: Model | null;
@@ -48,6 +54,7 @@ export interface Content {
   q_rad: readonly number[] | null;
   others: readonly Other[];
   heights: HeightMap | null;
+  measured: Measured | null;
 }
 
 /** A part of the scene that can be selected. */

@@ -11,6 +11,7 @@ import { drawHeights } from "./heights";
 import { LabelLayer } from "./labels";
 import { drawMark, whereIs } from "./highlight";
 import { drawOthers } from "./compared_methods";
+import { drawMeasured } from "./measured";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
 import { pick } from "./pick";
@@ -27,7 +28,7 @@ import type { View3D } from "./view3d";
 
 const NOTHING: Content = {
   model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
-  heights: null,
+  heights: null, measured: null,
 };
 
 /** Holds the content and draws it only when something has changed. */
@@ -50,6 +51,7 @@ export class Stage implements View3D {
     arm: new Part(this.scene, drawArm),
     geometry: new Part(this.scene, drawGeometry),
     mark: new Part(this.scene, drawMark),
+    measured: new Part(this.scene, drawMeasured),
   };
   private content = NOTHING;
   private points: Float32Array | null = null;
@@ -170,6 +172,7 @@ export class Stage implements View3D {
     parts.arm.update(geometry, palette);
     parts.geometry.update(geometry, palette);
     parts.mark.update(this.marked, content, palette);
+    parts.measured.update(content.measured, palette);
     parts.others.visible = shown.has("strings");
     for (const layer of ["heights", "cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
@@ -224,7 +227,7 @@ export class Stage implements View3D {
 
   private tapped(x: number, y: number, picked: (target: Target) => void): void {
     const labelled = this.shown.has("labels") ? this.labels.placeAt(x, y) : null;
-    const place = labelled ?? pick(this.content, this.shown, this.screen(), x, y);
+    const place = labelled ?? pick(this.content, this.points, this.shown, this.screen(), x, y);
     if (place) picked(place);
   }
 }
