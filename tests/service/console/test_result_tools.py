@@ -1,4 +1,4 @@
-"""The tools of the page of a result: measuring, copying and files."""
+"""The tools of the page of a result: measuring, copying, view pictures and files."""
 
 import csv
 import io
@@ -238,3 +238,35 @@ def test_a_text_that_cannot_be_copied_is_selected_for_the_person(open_console: O
     assert page.evaluate("() => getSelection().toString()") == field.input_value()
     assert json.loads(field.input_value())["point_m"] == original_model(crossed)["chains"][0]["points"][0]
     expect(page.get_by_text("✓ Copied")).to_have_count(0)
+
+
+def test_a_view_picture_shows_its_camera_and_its_quality(open_console: Open, crossed: ServedClient) -> None:
+    opened = open_console(crossed)
+    page = opened.page
+
+    def with_an_unused_view(route: Route) -> None:
+        model = json.loads(route.fetch().body())
+        model["quality"]["views"][5] |= {"used": False, "reason": "it contradicts the others", "rms_m": None}
+        route.fulfill(json=model)
+
+    page.route("**/model", with_an_unused_view)
+    page.keyboard.press("2")
+    wait_until_drawn(page)
+    assert not [one for one in opened.requests if re.search(r"/views/\d+\.png", one.url)]  # not before they are shown
+    page.get_by_text("Pictures of 6 views").click()
+    pictures = page.locator(".view-pictures img")
+    expect(pictures).to_have_count(6)
+    quality = original_model(crossed)["quality"]["views"][2]
+    page.get_by_role("button", name="View 2").click()
+    expect(page.locator(".label3d.marked")).to_have_text("view 2")
+    selected = page.get_by_role("region", name="Selected view")
+    for text in (
+        "Usedyes",
+        f"Points above the table{quality['points']}",
+        f"RMS{quality['rms_m'] * 1000:.2f} mm",
+        f"moved by {quality['correction_m'] * 1000:.2f} mm",
+    ):
+        expect(selected).to_contain_text(text)
+    page.get_by_role("button", name="View 5, not used").click()
+    expect(selected).to_contain_text("no. It contradicts the others.")
+    expect(selected).not_to_contain_text("RMS")

@@ -28,6 +28,7 @@ import { useHeights } from "./use_heights";
 import { useReach } from "./use_reach";
 import { useResult } from "./use_result";
 import { Verdict } from "./verdict";
+import { ViewPictures } from "./view_pictures";
 
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
@@ -131,6 +132,7 @@ function Result({ id }: { id: string }) {
             </>
           )}
           {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
+          <ViewPictures model={model} views={views} selection={selection} show={show} />
           <Files scan={scan} model={model} view={view} />
         </div>
       )}
