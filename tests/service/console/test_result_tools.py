@@ -1,9 +1,11 @@
-"""The tools of the page of a result: measuring, copying, view pictures and files."""
+"""The tools of the page of a result: measuring, copying, changes, view pictures and files."""
 
 import csv
 import io
 import json
 import re
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, Route, expect
 
+from cell.simulation.offline_scan import simulate, write_simulation
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import StringScene, make_scene
+from service.api.response_cache import MAX_AGE_S
 from service.interchange.point_files import to_csv
-from tests.service.conftest import ServedClient
-from tests.service.console.conftest import Open, original_model, wait_until_drawn
+from service.jobs.submission import NOBODY, new_scan
+from service.storage.data_folder import MODEL
+from tests.service.conftest import Serve, ServedClient
+from tests.service.console.conftest import Finished, Open, original_model, wait_until_drawn
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -270,3 +278,57 @@ def test_a_view_picture_shows_its_camera_and_its_quality(open_console: Open, cro
     page.get_by_role("button", name="View 5, not used").click()
     expect(selected).to_contain_text("no. It contradicts the others.")
     expect(selected).not_to_contain_text("RMS")
+
+
+def scanned(client: ServedClient, scene: StringScene, file: Path, finished: Finished) -> dict[str, Any]:
+    """Simulate views of a scene, and return the scan that recognises them."""
+    write_simulation(simulate(scene, camera_model("ideal", (320, 200)), 1, views=6), file)
+    recording = client.post("/api/recordings", content=file.read_bytes()).json()["id"]
+    started = client.post("/api/scans", json={"mode": "replay", "recording": recording})
+    return finished(client, started.headers["Location"])
+
+
+def test_the_changes_since_an_earlier_scan_are_listed_and_drawn(
+    open_console: Open, serve: Serve, finished: Finished, tmp_path: Path
+) -> None:
+    """The first string was moved, and the second one was taken away. A live scan may be of another table."""
+    two = make_scene("several", 2, strings=2, crossings=1)
+    cos, sin = np.cos(0.3), np.sin(0.3)
+    moved = two.curves[0] @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + [0.02, 0.015, 0]
+    with serve(tmp_path / "data") as client:
+        before = scanned(client, two, tmp_path / "before.mcap", finished)
+        store = client.app.state.context.store
+        live = replace(new_scan("live", "graph", None, NOBODY), state="succeeded", summary=before["summary"])
+        store.scans.add(live)
+        now = scanned(client, replace(two, curves=(moved,), radii_m=()), tmp_path / "now.mcap", finished)
+        since = client.get(now["links"]["model"], params={"since": before["id"]}).json()["since"]
+        (match,), (gone,) = since["matches"], since["gone"]
+        opened = open_console(client, f"#/result/{now['id']}")
+        page = opened.page
+        wait_until_drawn(page)
+        changes = page.get_by_role("region", name="Changes since an earlier scan")
+        choice = page.get_by_label("Earlier scan", exact=True)
+        expect(choice.locator("option")).to_have_count(2)
+        choice.select_option(before["id"])
+        entries = changes.get_by_role("button")
+        expect(entries).to_have_text(
+            [
+                re.compile(f"^String {match['chain']} moved by up to {match['displacement_m'] * 1000:.0f} mm."),
+                f"String {gone} of the earlier scan is gone. ",
+            ]
+        )
+        expect(changes.locator(".badge")).to_be_visible()  # the outcome of the earlier scan
+        expect(page.locator(".label3d.earlier")).to_have_count(2)
+        without_mark = page.locator("canvas").screenshot()
+        entries.nth(1).press("Enter")
+        page.get_by_role("button", name="All", exact=True).click()
+        assert difference(page.locator("canvas").screenshot(), without_mark) > 0.01
+
+        choice.select_option("")
+        expect(page.locator(".label3d.earlier")).to_have_count(0)
+        (store.folder.results(before["id"]) / MODEL).write_bytes(b"{")
+        time.sleep(MAX_AGE_S)  # until the cached answer expires
+        opened.allow_errors("500")
+        choice.select_option(before["id"])
+        expect(changes.get_by_role("alert")).to_contain_text("pointchain doctor")
+        page.close()  # before its service ends

@@ -10,6 +10,7 @@ import { orderGradient } from "../view3d/order_colours";
 import type { Other, Target } from "../view3d/scene";
 import type { View3D } from "../view3d/view3d";
 import { type Selection, Viewer } from "../viewer/viewer";
+import { Changes, type Earlier } from "./changes";
 import { Compare } from "./compare";
 import { Crossings } from "./crossings";
 import { Files } from "./files";
@@ -40,6 +41,7 @@ export function ResultScreen({ id }: { id: string | null }) {
 function Result({ id }: { id: string }) {
   const loaded = useResult(id);
   const [selection, select] = useState<Selection | null>(null);
+  const [earlier, setEarlier] = useState<Earlier | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
   const heights = useHeights(scan);
@@ -54,8 +56,8 @@ function Result({ id }: { id: string }) {
   const to = measuredTo(from, selection?.target ?? null, model);
   const measured = useMemo(() => from && { from: from.point, to: to?.point ?? null }, [from, to?.name]);
   const content = useMemo(
-    () => ({ model, grasps, cloud, views, others, heights: map, measured }),
-    [model, grasps, cloud, views, others, map, measured],
+    () => ({ model, grasps, cloud, views, others, heights: map, measured, earlier: earlier?.model ?? null }),
+    [model, grasps, cloud, views, others, map, measured, earlier],
   );
   const [view, setView] = useState<View3D | null>(null);
   const drawn = useRef<HTMLDivElement>(null);
@@ -131,6 +133,7 @@ function Result({ id }: { id: string }) {
               <Grasps scan={scan} model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
             </>
           )}
+          <Changes scan={scan} earlier={earlier} setEarlier={setEarlier} show={show} />
           {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
           <ViewPictures model={model} views={views} selection={selection} show={show} />
           <Files scan={scan} model={model} view={view} />

@@ -55,6 +55,8 @@ export interface Content {
   others: readonly Other[];
   heights: HeightMap | null;
   measured: Measured | null;
+  /** The model of an earlier scan of the same table. */
+  earlier: Model | null;
 }
 
 /** A part of the scene that can be selected. */
@@ -65,10 +67,24 @@ export type Target =
   | { kind: "part"; chain: number; from_m: number; to_m: number }
   | { kind: "view"; index: number }
   | { kind: "at"; point: Point }
-  | { kind: "grasp"; id: number };
+  | { kind: "grasp"; id: number }
+  | { kind: "change"; change: ChainChange };
+
+/** A string in this model, in the earlier one, or in both. */
+export interface ChainChange {
+  /** Id of the chain in this model; null: it is gone. */
+  chain: number | null;
+  /** Id of the chain in the earlier model; null: it is new. */
+  before: number | null;
+  /** Motion from points before to points now; null: it did not move, or is in one model only. */
+  T_now_before: Pose | null;
+}
 
 /** Style of a line that represents a string. */
 export type LineStyle = "solid" | "dashed" | "dotted";
+
+/** How the strings of an earlier scan are drawn. */
+export const EARLIER_LINE: { style: LineStyle; colour: string } = { style: "dashed", colour: "#ff9f6b" };
 
 /** Return how the strings of a compared method are drawn: light, because they have a dark rim. */
 export function lineOf(method: string): { style: LineStyle; colour: string } {

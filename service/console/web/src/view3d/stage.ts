@@ -10,7 +10,7 @@ import { drawGrasps } from "./grasps";
 import { drawHeights } from "./heights";
 import { LabelLayer } from "./labels";
 import { drawMark, whereIs } from "./highlight";
-import { drawOthers } from "./compared_methods";
+import { drawEarlier, drawOthers } from "./compared_methods";
 import { drawMeasured } from "./measured";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
@@ -28,7 +28,7 @@ import type { View3D } from "./view3d";
 
 const NOTHING: Content = {
   model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
-  heights: null, measured: null,
+  heights: null, measured: null, earlier: null,
 };
 
 /** Holds the content and draws it only when something has changed. */
@@ -45,6 +45,7 @@ export class Stage implements View3D {
     cloud: new Part(this.scene, drawCloud),
     strings: new Part(this.scene, drawStrings),
     others: new Part(this.scene, drawOthers),
+    earlier: new Part(this.scene, drawEarlier),
     crossings: new Part(this.scene, drawCrossings),
     grasps: new Part(this.scene, drawGrasps),
     cameras: new Part(this.scene, drawCameras),
@@ -166,6 +167,7 @@ export class Stage implements View3D {
     parts.cloud.update(this.points, palette);
     parts.strings.update(model, palette);
     parts.others.update(content.others);
+    parts.earlier.update(content.earlier);
     parts.crossings.update(model, palette);
     parts.grasps.update(content.grasps, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
     parts.cameras.update(views, model, palette);
@@ -174,6 +176,7 @@ export class Stage implements View3D {
     parts.mark.update(this.marked, content, palette);
     parts.measured.update(content.measured, palette);
     parts.others.visible = shown.has("strings");
+    parts.earlier.visible = shown.has("strings");
     for (const layer of ["heights", "cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
     }

@@ -14,7 +14,7 @@ export interface Selection {
 }
 
 interface ViewerProps {
-  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps" | "measured">>;
+  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps" | "measured" | "earlier">>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
   /** Its grasps are for another gripper than the configured one. */
@@ -80,7 +80,7 @@ export function Viewer(props: ViewerProps) {
   }, []);
 
   useEffect(
-    () => view?.show({ heights: null, grasps: [], measured: null, ...content, geometry: around, gripper, q_rad }),
+    () => view?.show({ heights: null, grasps: [], measured: null, earlier: null, ...content, geometry: around, gripper, q_rad }),
     [view, content, around, gripper],
   );
   useEffect(() => view?.layers(shown), [view, shown]);
