@@ -24,6 +24,7 @@ from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import MODEL
 from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Finished, Open, original_model, wait_until_drawn
+from tests.service.console.test_accessibility import assert_usable
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
 
@@ -332,3 +333,25 @@ def test_the_changes_since_an_earlier_scan_are_listed_and_drawn(
         choice.select_option(before["id"])
         expect(changes.get_by_role("alert")).to_contain_text("pointchain doctor")
         page.close()  # before its service ends
+
+
+def test_all_tools_are_accessible_on_a_phone(open_console: Open, crossed: ServedClient) -> None:
+    page = open_console(crossed, scheme="dark", width=390).page
+    page.evaluate("() => Object.defineProperty(navigator, 'clipboard', {value: undefined})")
+    page.evaluate("() => { document.execCommand = () => false; }")
+    with_ends(page)
+    page.get_by_label("Height map").check()
+    page.get_by_text("Pictures of 6 views").click()
+    page.get_by_role("button", name="First.").click()
+    page.get_by_role("button", name="Measure from here").click()
+    page.get_by_role("button", name="Next point").click()
+    page.get_by_role("button", name="Copy as JSON").first.click()
+    expect(page.get_by_label("press Ctrl+C")).to_be_focused()
+    expect(page.locator(".view-pictures img")).to_have_count(6)
+    assert_usable(page)
+    page.get_by_role("button", name=re.compile("^0: string .* fingers")).click()
+    expect(page.locator(".label3d.motion")).to_have_text("pre-grasp and retreat")
+    expect(page.locator("canvas")).to_be_in_viewport(ratio=1)
+    page.get_by_role("button", name="Details of grasp 0").click()
+    expect(page.get_by_role("region", name="Selected grasp").get_by_text("Reach")).to_be_in_viewport()
+    assert_usable(page)

@@ -84,7 +84,7 @@ export function Changes({ scan, earlier, setEarlier, show }: ChangesProps) {
 
 function optionText({ created_at, summary }: Scan): string {
   const found = foundText(summary?.chains ?? 0, summary?.crossings ?? 0);
-  return t("result.changes.option", { when: when(created_at, "medium"), found });
+  return t("result.changes.option", { when: when(created_at), found });
 }
 
 interface ChangeListProps {

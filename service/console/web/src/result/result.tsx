@@ -23,6 +23,7 @@ import { NewestResult } from "./newest_result";
 import { type Position, positionOf } from "./position";
 import { keepBelowBar, reveal, revealBeside } from "./reveal";
 import { ScanNotes } from "./scan_notes";
+import { ToSelectedGrasp } from "./selected_grasp";
 import { SelectedPosition } from "./selected_position";
 import { Strings } from "./strings";
 import { useHeights } from "./use_heights";
@@ -113,6 +114,7 @@ function Result({ id }: { id: string }) {
       {model !== null && scan !== null && (
         <div class="selected" ref={selected}>
           {from !== null && <Measuring scan={scan} from={from} to={to} end={() => measureFrom(null)} />}
+          {grasp !== null && <ToSelectedGrasp id={grasp} />}
           {selection !== null && (
             <SelectedPosition
               scan={scan}

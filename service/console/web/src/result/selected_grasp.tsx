@@ -8,11 +8,28 @@ import { findText, t } from "../texts/translate";
 import { HintedEntry } from "../ui/hint";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
 import { Copy } from "./copy";
-import { revealBeside } from "./reveal";
+import { reveal, revealBeside } from "./reveal";
 import type { Reach } from "./use_reach";
 
 /** Recognition measures clearances only up to this distance. */
 export const MAX_CLEARANCE_M = 0.03;
+
+const SELECTED_GRASP = "selected-grasp";
+
+/** A button to the details of the selected grasp, for a narrow screen, where they are far below the picture. */
+export function ToSelectedGrasp({ id }: { id: number }) {
+  const scroll = () => {
+    const details = document.getElementById(SELECTED_GRASP);
+    if (details !== null) reveal(details);
+  };
+  return (
+    <p class="only-narrow">
+      <button type="button" onClick={scroll}>
+        {t("result.grasp.details", { id })}
+      </button>
+    </p>
+  );
+}
 
 interface SelectedGraspProps {
   scan: Scan;
@@ -32,7 +49,7 @@ export function SelectedGrasp({ scan, grasp, chain, reach, picked }: SelectedGra
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);
   return (
-    <section ref={section} class="panel point" aria-label={t("result.grasp.region")}>
+    <section ref={section} id={SELECTED_GRASP} class="panel point" aria-label={t("result.grasp.region")}>
       <dl>
         <dt>{t("result.grasp.string")}</dt>
         <dd>{stringText(grasp, chain)}</dd>
