@@ -102,25 +102,26 @@ def with_ends(page: Page, closed: bool = False) -> None:
 
 
 def test_a_distance_is_measured_by_keyboard(open_console: Open, crossed: ServedClient) -> None:
-    page = open_console(crossed).page
-    with_ends(page)
+    page = open_console(crossed, "#/result").page
+    wait_until_drawn(page)
     model = original_model(crossed)
     chain, crossing = model["chains"][0], model["crossings"][0]
     points, sigma_m = np.array(chain["points"]), chain["sigma_m"]
-    page.get_by_role("button", name="First.").press("Enter")
+    page.get_by_role("button", name=re.compile("^String 0: ")).press("Enter")
+    page.get_by_role("button", name="Select its first point").press("Enter")
     page.get_by_role("button", name="Measure from here").press("Enter")
     measurement = page.get_by_role("region", name="Measurement")
     expect(measurement).to_contain_text("From: String 0, point 0. Now select the second point")
     expect(page.locator(".label3d.measured")).to_have_text("measured from here")
-    for _ in range(3):
-        page.get_by_role("button", name="Next point").press("Enter")
-    x, y, z = points[3] - points[0]
+    page.get_by_role("button", name="10 points on").press("Enter")
+    page.get_by_role("button", name="Next point").press("Enter")
+    x, y, z = points[11] - points[0]
     distance = f"{np.linalg.norm([x, y, z]) * 1000:.1f} mm"
     for text in (
-        "To: String 0, point 3.",
-        f"{distance} ± {np.hypot(sigma_m[0], sigma_m[3]) * 1000:.2f} mm",
+        "To: String 0, point 11.",
+        f"{distance} ± {np.hypot(sigma_m[0], sigma_m[11]) * 1000:.2f} mm",
         f"x {x * 1000:.1f} mm, y {y * 1000:.1f} mm, z {z * 1000:.1f} mm",
-        f"Along the string\n{chain['arc_length_m'][3] * 1000:.1f} mm",
+        f"Along the string\n{chain['arc_length_m'][11] * 1000:.1f} mm",
     ):
         assert text in measurement.inner_text().replace("\n\n", "\n")
     expect(page.locator(".label3d.measured")).to_have_text(distance)

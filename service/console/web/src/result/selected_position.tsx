@@ -7,6 +7,14 @@ import type { Selection } from "../viewer/viewer";
 import { Copy } from "./copy";
 import { type Position, positionOf } from "./position";
 
+/** The buttons that step along a string: name, number of points, sign. */
+const STEPS = [
+  ["far_before", -10, "◀◀"],
+  ["before", -1, "◀"],
+  ["next", 1, "▶"],
+  ["far_next", 10, "▶▶"],
+] as const;
+
 interface SelectedPositionProps {
   scan: Scan;
   model: Model;
@@ -19,7 +27,7 @@ interface SelectedPositionProps {
 /** The selected point of a string, crossing or measured point. */
 export function SelectedPosition({ scan, model, target, select, measureFrom }: SelectedPositionProps) {
   const position = positionOf(target, model);
-  if (position === null) return null;
+  if (position === null) return target.kind === "chain" ? <EndButtons id={target.id} model={model} select={select} /> : null;
   const { on, sigma_m } = position;
   const step = (by: number) => {
     if (on === null) return;
@@ -55,12 +63,11 @@ export function SelectedPosition({ scan, model, target, select, measureFrom }: S
       <div class="row">
         {on !== null && (
           <>
-            <button type="button" onClick={() => step(-1)} aria-label={t("result.point.before")}>
-              ◀
-            </button>
-            <button type="button" onClick={() => step(1)} aria-label={t("result.point.next")}>
-              ▶
-            </button>
+            {STEPS.map(([name, by, sign]) => (
+              <button key={name} type="button" onClick={() => step(by)} aria-label={t(`result.point.${name}`)}>
+                {sign}
+              </button>
+            ))}
           </>
         )}
         <button type="button" onClick={() => measureFrom(position)}>
@@ -69,6 +76,28 @@ export function SelectedPosition({ scan, model, target, select, measureFrom }: S
         <Copy value={copyOf(scan, target, position, model)} />
         <button type="button" onClick={() => select(null)}>
           {t("result.point.deselect")}
+        </button>
+      </div>
+    </section>
+  );
+}
+
+type EndButtonsProps = Pick<SelectedPositionProps, "model" | "select"> & { id: number };
+
+/** Selects an end of the selected string, to step from there. */
+function EndButtons({ id, model, select }: EndButtonsProps) {
+  const chain = model.chains.find((one) => one.id === id);
+  if (chain === undefined) return null;
+  const point = (s_m: number) => () => select({ target: { kind: "point", chain: id, s_m }, turn: false });
+  return (
+    <section class="panel point" aria-label={t("result.point.string_region")}>
+      <h2>{t("result.point.string", { id })}</h2>
+      <div class="row">
+        <button type="button" onClick={point(0)}>
+          {t("result.point.first")}
+        </button>
+        <button type="button" onClick={point(chain.arc_length_m.at(-1) ?? 0)}>
+          {t("result.point.last")}
         </button>
       </div>
     </section>
