@@ -154,25 +154,26 @@ def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(past: Serve
 
 
 OUTCOMES = [
-    ("succeeded", "accept", 1, "good", "Accept"),
-    ("partial", "accept", 1, "warn", "Accept, views are missing"),
-    ("succeeded", "review", 0, "warn", "No string found"),
-    ("succeeded", "refuse", 1, "bad", "Do not use"),
-    ("partial", "refuse", 1, "bad", "Do not use"),
-    ("partial", "review", 1, "warn", "Look first, views are missing"),
-    ("succeeded", "review", 1, "warn", "Look first"),
+    ("succeeded", "accept", 1, 1, "warn", "Look first"),
+    ("succeeded", "accept", 1, 0, "good", "Accept"),
+    ("partial", "accept", 1, 0, "warn", "Accept, views are missing"),
+    ("succeeded", "review", 0, 22, "warn", "No string found"),
+    ("succeeded", "refuse", 1, 22, "bad", "Do not use"),
+    ("partial", "refuse", 1, 22, "bad", "Do not use"),
+    ("partial", "review", 1, 22, "warn", "Look first, views are missing"),
+    ("succeeded", "review", 1, 22, "warn", "Look first"),
 ]
-"""State, verdict and number of strings of a scan, and the style and the text of its badge."""
+"""State, verdict, number of strings and of doubts of a scan, and the style and the text of its badge."""
 
 
 def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Serve, tmp_path: Path) -> None:
     findings = [{"code": "sharp-bend", "severity": "blocking", "message": "one thing blocks"}]
     findings += [{"code": "possible-bar", "severity": "doubt", "message": f"doubt {number}"} for number in range(4)]
-    counts = {"crossings": 0, "doubt_count": 22, "note_count": 3}
+    counts = {"crossings": 0, "note_count": 3}
     with without_recognition(serve, tmp_path) as client:
-        for state, verdict, strings, _, _ in OUTCOMES:
-            doubts = {"doubts": [], "doubt_count": 0} if verdict == "accept" else {"doubts": findings}
-            summary = counts | {"chains": strings, "verdict": verdict} | doubts
+        for state, verdict, strings, doubts, _, _ in OUTCOMES:
+            listed = {"doubts": findings[:doubts], "doubt_count": doubts}
+            summary = counts | {"chains": strings, "verdict": verdict} | listed
             scan = replace(new_scan("live", "graph", None, NOBODY), state=state, summary=summary)
             client.app.state.context.store.scans.add(scan)
         opened = open_console(client, "#/history")
@@ -180,7 +181,7 @@ def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Ser
         page = opened.page
         rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
         expect(rows).to_have_count(len(OUTCOMES))
-        for row, (_, _, _, tone, word) in zip(rows.all(), reversed(OUTCOMES), strict=True):
+        for row, (_, _, _, _, tone, word) in zip(rows.all(), reversed(OUTCOMES), strict=True):
             expect(row.locator(".badge")).to_have_class(f"badge {tone}")
             expect(row.locator(".badge")).to_have_text(re.compile(rf"^\S {word}$"))
 

@@ -7,7 +7,7 @@ const SEARCHED = 100;
 /**
  * Return the earlier scans with a model that may show the same table, the newest first. A live scan is compared with
  * live scans of this cell, and a recording that a person chose with other such recordings. Repeated recognitions are
- * left out, because they show the table at the time of another scan.
+ * excluded, because they show the table at the time of another scan.
  */
 export async function earlierScans(scan: Scan): Promise<Scan[]> {
   const original = await originalOf(scan);
