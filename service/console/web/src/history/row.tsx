@@ -11,6 +11,7 @@ import { Act, Failed, useAction } from "../ui/action";
 import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
 import { Picture } from "../ui/picture";
+import { SimulatedMark } from "../ui/simulated";
 import { ResultFiles } from "../ui/result_files";
 import { Reprocess } from "./reprocess";
 
@@ -40,6 +41,9 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
         <span class="what">
           <strong>{name}</strong>
           <span>{summaryText(scan)}</span>
+          <span>
+            <SimulatedMark scan={scan} />
+          </span>
         </span>
         <Badge tone={tone}>{word}</Badge>
       </button>

@@ -9,6 +9,7 @@ import { pointAt } from "../view3d/arc_length";
 import { orderGradient } from "../view3d/order_colours";
 import type { Other, Target } from "../view3d/scene";
 import type { View3D } from "../view3d/view3d";
+import { SimulatedMark } from "../ui/simulated";
 import { type Selection, Viewer } from "../viewer/viewer";
 import { Changes, type Earlier } from "./changes";
 import { Compare } from "./compare";
@@ -150,7 +151,8 @@ function Description({ scan }: { scan: Scan }) {
   const { word, tone } = outcome(scan);
   return (
     <p>
-      <Badge tone={tone}>{word}</Badge> {t("common.kind_and_time", { kind: kindOf(scan), when: when(scan.created_at) })}
+      <Badge tone={tone}>{word}</Badge> <SimulatedMark scan={scan} />{" "}
+      {t("common.kind_and_time", { kind: kindOf(scan), when: when(scan.created_at) })}
     </p>
   );
 }

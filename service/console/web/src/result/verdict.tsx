@@ -2,6 +2,7 @@ import type { Model, Scan } from "../net/api";
 import { when } from "../texts/format";
 import { foundText, kindOf, resultOutcome, SHAPES } from "../texts/states";
 import { t } from "../texts/translate";
+import { SimulatedMark } from "../ui/simulated";
 
 /** The verdict on the whole result: whether a program may use it. */
 export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
@@ -14,7 +15,8 @@ export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
     <section class={`verdict ${tone}`} aria-label={t("result.verdict.region")}>
       <p class={`badge ${tone}`}>
         <span aria-hidden="true">{SHAPES[tone]}</span> {word}
-      </p>
+      </p>{" "}
+      <SimulatedMark scan={scan} />
       <h1>{foundText(strings, model.crossings.length)}</h1>
       <p class="meaning">
         {meaningOf(model)} {partial && t("result.verdict.views_missing")}
