@@ -63,7 +63,8 @@ class States:
 
     def __init__(self, browser: Browser, address: str, size: str, scheme: Literal["light", "dark"]) -> None:
         self._browser, self._address = browser, address
-        self._size, self._scheme = size, scheme
+        self._size = size
+        self._scheme: Literal["light", "dark"] = scheme
         self._count = 0
 
     @contextmanager
