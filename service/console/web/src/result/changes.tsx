@@ -9,9 +9,9 @@ import { Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
 import { useQuery } from "../ui/use_query";
 import { type ChainChange, EARLIER_LINE, type Model, type Pose, type Target } from "../view3d/scene";
-import { earlierScans } from "./earlier_scans";
+import { earlierScans } from "./data/earlier_scans";
 import { Trust } from "./trust";
-import { loadModel } from "./use_result";
+import { loadModel } from "./data/use_result";
 
 type Since = NonNullable<Model["since"]>;
 type Match = Since["matches"][number];

@@ -7,7 +7,7 @@ import type { Grasp, Target } from "../view3d/scene";
 import type { Selection } from "../viewer/viewer";
 import { MAX_CLEARANCE_M, SelectedGrasp } from "./selected_grasp";
 import { Trust, TRUST_CLASSES } from "./trust";
-import type { Reach } from "./use_reach";
+import type { Reach } from "./data/use_reach";
 
 interface GraspsProps {
   scan: Scan;

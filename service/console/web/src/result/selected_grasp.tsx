@@ -7,9 +7,9 @@ import { SHAPES, type Tone } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { HintedEntry } from "../ui/hint";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
-import { Copy } from "./copy";
+import { Copy } from "./tools/copy";
 import { reveal, revealBeside } from "./reveal";
-import type { Reach } from "./use_reach";
+import type { Reach } from "./data/use_reach";
 
 /** Recognition measures clearances only up to this distance. */
 export const MAX_CLEARANCE_M = 0.03;

@@ -1,7 +1,7 @@
-import type { Model, Scan } from "../net/api";
-import { mm, plusMinus } from "../texts/format";
-import { t } from "../texts/translate";
-import type { Target } from "../view3d/scene";
+import type { Model, Scan } from "../../net/api";
+import { mm, plusMinus } from "../../texts/format";
+import { t } from "../../texts/translate";
+import type { Target } from "../../view3d/scene";
 import { Copy } from "./copy";
 import { measure, type Measurement, type Position, positionOf } from "./position";
 

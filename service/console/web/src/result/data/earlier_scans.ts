@@ -1,5 +1,5 @@
-import { api, resultOf, type Scan } from "../net/api";
-import { hasModel, isElsewhere } from "../texts/states";
+import { api, resultOf, type Scan } from "../../net/api";
+import { hasModel, isElsewhere } from "../../texts/states";
 
 /** Number of scans that are searched for earlier ones of the same cell. */
 const SEARCHED = 100;

@@ -1,4 +1,4 @@
-import type { Model } from "../net/api";
+import type { Model } from "../../net/api";
 
 /** The columns of `pointchain export` to CSV. */
 const COLUMNS = ["chain", "point", "x_m", "y_m", "z_m", "arc_length_m", "sigma_m", "views", "radius_m"];

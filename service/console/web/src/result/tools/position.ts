@@ -1,8 +1,8 @@
-import type { Model } from "../net/api";
-import { pointText } from "../texts/format";
-import { t } from "../texts/translate";
-import { distance, pointAt } from "../view3d/arc_length";
-import type { Chain, Point, Target } from "../view3d/scene";
+import type { Model } from "../../net/api";
+import { pointText } from "../../texts/format";
+import { t } from "../../texts/translate";
+import { distance, pointAt } from "../../view3d/arc_length";
+import type { Chain, Point, Target } from "../../view3d/scene";
 
 /** A selected position that can be measured and copied. */
 export interface Position {

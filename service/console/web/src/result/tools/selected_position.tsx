@@ -1,9 +1,9 @@
-import type { Model, Scan } from "../net/api";
-import { mm, plusMinus, pointText } from "../texts/format";
-import { t } from "../texts/translate";
-import { HintedEntry } from "../ui/hint";
-import type { Target } from "../view3d/scene";
-import type { Selection } from "../viewer/viewer";
+import type { Model, Scan } from "../../net/api";
+import { mm, plusMinus, pointText } from "../../texts/format";
+import { t } from "../../texts/translate";
+import { HintedEntry } from "../../ui/hint";
+import type { Target } from "../../view3d/scene";
+import type { Selection } from "../../viewer/viewer";
 import { Copy } from "./copy";
 import { type Position, positionOf } from "./position";
 

@@ -1,7 +1,7 @@
-import type { Model, Scan } from "../net/api";
-import { t } from "../texts/translate";
-import { ResultFiles } from "../ui/result_files";
-import type { View3D } from "../view3d/view3d";
+import type { Model, Scan } from "../../net/api";
+import { t } from "../../texts/translate";
+import { ResultFiles } from "../../ui/result_files";
+import type { View3D } from "../../view3d/view3d";
 import { centreLines } from "./centre_lines";
 import { save } from "./save";
 

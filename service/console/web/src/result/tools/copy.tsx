@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { t } from "../texts/translate";
+import { t } from "../../texts/translate";
 
 /** Copies a value as JSON: lengths in metres, angles in radians. */
 export function Copy({ value }: { value: object }) {

@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
-import { api, longCall, resultOf, type GraspReach, type Model } from "../net/api";
-import { type Action, type Failure, useAction } from "../ui/action";
-import { useQuery } from "../ui/use_query";
-import type { Grasp } from "../view3d/scene";
+import { api, longCall, resultOf, type GraspReach, type Model } from "../../net/api";
+import { type Action, type Failure, useAction } from "../../ui/action";
+import { useQuery } from "../../ui/use_query";
+import type { Grasp } from "../../view3d/scene";
 
 /** The joint angles of the pre-grasp and the grasp; null: the arm does not reach them. */
 interface JointAngles {
