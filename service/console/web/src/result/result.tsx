@@ -10,11 +10,10 @@ import { orderGradient } from "../view3d/order_colours";
 import type { Other, Target } from "../view3d/scene";
 import type { View3D } from "../view3d/view3d";
 import { SimulatedMark } from "../ui/simulated";
+import { onDemand } from "../ui/on_demand";
 import { type Selection, Viewer } from "../viewer/viewer";
-import { Changes, type Earlier } from "./changes";
-import { Compare } from "./compare";
+import type { Earlier } from "./changes";
 import { Crossings } from "./crossings";
-import { Files } from "./tools/files";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
@@ -31,8 +30,8 @@ import { useHeights } from "./data/use_heights";
 import { useReach } from "./data/use_reach";
 import { useResult } from "./data/use_result";
 import { Verdict } from "./verdict";
-import { ViewPictures } from "./view_pictures";
 
+const More = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
 /** The result of a scan: in 3D, and as lists beside it. */
@@ -136,10 +135,18 @@ function Result({ id }: { id: string }) {
               <Grasps scan={scan} model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
             </>
           )}
-          <Changes scan={scan} earlier={earlier} setEarlier={setEarlier} show={show} />
-          {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
-          <ViewPictures model={model} views={views} selection={selection} show={show} />
-          <Files scan={scan} model={model} view={view} />
+          <More
+            scan={scan}
+            model={model}
+            views={views}
+            view={view}
+            earlier={earlier}
+            setEarlier={setEarlier}
+            others={others}
+            setOthers={setOthers}
+            selection={selection}
+            show={show}
+          />
         </div>
       )}
     </div>
