@@ -10,6 +10,7 @@ import "./calibration/calibration.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { atWork, cell } from "./state/cell";
+import { requesting, running } from "./state/scans";
 import { caller } from "./state/session";
 import { startUpdates } from "./state/updates";
 import { clearStopMessage } from "./stop";
@@ -28,7 +29,7 @@ show(<App />, "app");
 addEventListener("keydown", screenKeys);
 // The outcome of the last stop is outdated when the arm works again or is connected, a fault is
 // acknowledged, or a person signs in.
-onceTrue(() => atWork.value, clearStopMessage);
+onceTrue(() => atWork.value || requesting.value || running.value !== null, clearStopMessage);
 onceTrue(() => cell.value?.state === "ready", clearStopMessage);
 onceTrue(() => cell.value?.state !== "fault", clearStopMessage);
 onceTrue(() => caller.value !== null, clearStopMessage);

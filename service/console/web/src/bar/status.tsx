@@ -122,7 +122,7 @@ function inSentence(text: string): string {
 }
 
 /** Return why the cell is in its state. The hint what to do is only for callers who may do it. */
-function reasonText({ reason, problem }: Cell): string {
+export function reasonText({ reason, problem }: Cell): string {
   if (reason === null) return canOperate.value ? t("state.ready.operator") : t("state.ready.viewer");
   const shown = canOperate.value ? reason : withoutAdvice(reason);
   return sentence(problemTitle(problem && slugOf(problem), shown));

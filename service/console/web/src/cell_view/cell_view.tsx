@@ -2,7 +2,6 @@ import { useMemo } from "preact/hooks";
 import type { Model, Plan, Scan } from "../net/api";
 import { cell } from "../state/cell";
 import { geometry } from "../state/geometry";
-import { isActive } from "../texts/states";
 import { t } from "../texts/translate";
 import { Picture } from "../ui/picture";
 import type { Lens, PlannedPath, ViewPose } from "../view3d/scene";
@@ -15,7 +14,7 @@ const LAYERS = ["cloud", "cameras", "arm", "labels", "geometry", "strings", "cro
 interface CellViewProps {
   /** The live scan that runs, or has just ended; null: none. */
   scan: Scan | null;
-  /** What a scan would do, as long as none runs. */
+  /** What a scan would do. It is drawn as long as the plan of the scan is not known. */
   checked: Plan | null;
   /** The model of the scan, once it is known. */
   model: Model | null;
@@ -24,7 +23,7 @@ interface CellViewProps {
 /** The cell in 3D, before, during and after a scan: arm, camera, viewpoints, and the points of each view as it arrives. */
 export function CellView({ scan, checked, model }: CellViewProps) {
   const ofScan = useScanPlan(scan);
-  const plan = ofScan ?? (scan === null || isActive(scan.state) ? checked : null);
+  const plan = ofScan ?? checked;
   const { indices, clouds } = useViewClouds(scan);
   const camera = geometry.value?.camera;
   const T_flange_camera = cell.value?.calibration?.T_flange_camera;

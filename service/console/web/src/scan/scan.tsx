@@ -5,7 +5,7 @@ import { loadModel } from "../result/data/use_result";
 import { cell } from "../state/cell";
 import { followed, latestOriginal, running } from "../state/scans";
 import { callerNames, canOperate } from "../state/session";
-import { hasModel } from "../texts/states";
+import { hasModel, isActive } from "../texts/states";
 import { t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { useQuery } from "../ui/use_query";
@@ -41,7 +41,7 @@ export function ScanScreen() {
         {running.value === null && scan !== null && scan.id !== followed.value && <LastScan scan={scan} />}
       </div>
       <CellView scan={drawn} checked={checkedPlan.value} model={model} />
-      {listed?.mode === "live" && <Views scan={listed} planned={plannedViews(listed)} />}
+      {listed?.mode === "live" && <Views scan={listed} planned={listed.views === "auto" && !isActive(listed.state) ? [] : plannedViews(listed)} />}
     </div>
   );
 }
@@ -54,12 +54,11 @@ function drawnScan(): Scan | null {
   return last !== null && last.id === followed.value ? last : null;
 }
 
-/** Return the viewpoints of the cell's plan that the arm has not reached yet. */
-function plannedViews(scan: Scan): number[] {
-  const plan = cell.value?.viewpoints;
-  if (!plan || !["preflight", "scanning"].includes(scan.state)) return [];
-  const known = new Set([...scan.progress.views, ...plan.unreachable].map((view) => view.index));
-  return Array.from({ length: plan.planned }, (_, index) => index).filter((index) => !known.has(index));
+/** Return the viewpoints that the arm has not reached, or did not reach before the scan ended. */
+function plannedViews({ views, progress }: Scan): number[] {
+  const count = typeof views === "number" ? views : (cell.value?.viewpoints?.planned ?? 0);
+  const known = new Set(progress.views.map((view) => view.index));
+  return Array.from({ length: count }, (_, index) => index).filter((index) => !known.has(index));
 }
 
 /** Load the model of a scan as soon as it has one. */

@@ -1,3 +1,4 @@
+import { reasonText } from "../bar/status";
 import { api, longCall, resultOf, type Scan } from "../net/api";
 import { calibrating, cell } from "../state/cell";
 import { geometry } from "../state/geometry";
@@ -66,6 +67,7 @@ export function Start({ action }: { action: Action }) {
       >
         {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
       </Act>
+      {cell.value?.state === "not_ready" && <p class="small narrow-only">{reasonText(cell.value)}</p>}
       {!action.busy && obstacle !== null && <p class="note warn">{obstacle}</p>}
       <Failed failure={action.failure} />
       {mode === "live" && number.fault === null && views && <Reachability key={views} views={views} />}

@@ -1,5 +1,6 @@
 import type { Scan } from "../net/api";
 import { sentence } from "../texts/sentence";
+import { isActive } from "../texts/states";
 import { t } from "../texts/translate";
 import { Picture } from "../ui/picture";
 
@@ -40,9 +41,9 @@ interface CardProps {
 }
 
 function Card({ scan, index, view }: CardProps) {
-  const state = t(`view_state.${view?.state ?? "planned"}`);
+  const state = t(`view_state.${view?.state ?? (isActive(scan.state) ? "planned" : "not_recorded")}`);
   return (
-    <li class={view?.state ?? ""} value={index}>
+    <li class={view?.state ?? (isActive(scan.state) ? "" : "missing")} value={index}>
       {view?.state === "recorded" ? (
         <Picture src={`/api/scans/${scan.id}/views/${index}.png`} alt={t("scan.views.alt", { index })} />
       ) : (

@@ -1,9 +1,11 @@
-import { DirectionalLight, PerspectiveCamera, Vector3 } from "three";
+import { DirectionalLight, PerspectiveCamera, TOUCH, Vector3 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { DIRECTIONS, type Framing, framing, UP } from "./framing";
 
 const FOV_RAD = 0.6;
 const [NEAR_M, FAR_M] = [0.005, 20];
+/** From below the table, over and under would look swapped. */
+const LOWEST_RAD = Math.PI / 2 - 0.01;
 const [NEAREST_M, FARTHEST_M] = [0.02, 6];
 
 /** An orbit camera with the z axis up and a light beside it. */
@@ -19,6 +21,10 @@ export class Orbit {
     this.controls = new OrbitControls(this.camera, element);
     this.controls.minDistance = NEAREST_M;
     this.controls.maxDistance = FARTHEST_M;
+    this.controls.maxPolarAngle = LOWEST_RAD;
+    // A finger that moves up or down scrolls the page; two fingers turn and zoom.
+    this.controls.touches.TWO = TOUCH.DOLLY_ROTATE;
+    element.style.touchAction = "pan-y";
     this.place({ position: DIRECTIONS.fit.clone().multiplyScalar(0.5), target: new Vector3() });
     this.controls.addEventListener("change", moved);
   }
