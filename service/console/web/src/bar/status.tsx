@@ -14,6 +14,7 @@ import { sentence } from "../texts/sentence";
 import { CELL_TONES, scanWord, SHAPES, type Tone, verdictWord } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { WhatToDo } from "../ui/manual";
+import { Original } from "../ui/original";
 import { SimulatedCell } from "../ui/simulated";
 
 /** A state: word, shape and colour. */
@@ -88,7 +89,8 @@ function State() {
     <div class={calm ? "state calm" : "state"} role="status">
       <Badge tone={CELL_TONES[now.state]}>{state}</Badge>
       <p>
-        {reasonText(now)} {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
+        {reasonText(now)} {!calm && <Original shown={reasonText(now)} text={sentence(now.reason ?? "")} />}{" "}
+        {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
       </p>
     </div>
   );

@@ -2,6 +2,7 @@ import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
 import { requesting, running } from "../state/scans";
 import { canOperate } from "../state/session";
+import { problemTitle } from "../texts/problem";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
 import { withoutAdvice } from "./status";
@@ -11,10 +12,11 @@ import { WhatToDo } from "../ui/manual";
 export function Stopped({ open }: { open: boolean }) {
   if (problemSlug.value !== "stopped" || cell.value?.state !== "not_ready") return null;
   if (lost.value || requesting.value || running.value !== null) return null;
+  const reason = withoutAdvice(cell.value.reason ?? t("stopped.region"));
   return (
     <section class="panel stopped" aria-label={t("stopped.region")}>
       <details key={String(open)} open={open}>
-        <summary>{sentence(withoutAdvice(cell.value.reason ?? t("stopped.region")))}</summary>
+        <summary>{sentence(problemTitle(problemSlug.value, reason))}</summary>
         <p>{t("stopped.holds")}</p>
         <ol>
           <li>{t("stopped.find_out")}</li>
