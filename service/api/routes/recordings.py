@@ -82,13 +82,22 @@ def download_recording(recording: Recording, service: Service, if_none_match: If
     return send_recording(service, recording, if_none_match)
 
 
-def send_recording(service: Context, recording: RecordingRow, if_none_match: str | None) -> Response:
-    """Return a response that sends the recording's file, or 304 if the client has it."""
+def send_recording(
+    service: Context, recording: RecordingRow, if_none_match: str | None, scan: str | None = None
+) -> Response:
+    """Return a response that sends the recording's file, or 304 if the client has it.
+
+    Args:
+        service: The service's context.
+        recording: The recording.
+        if_none_match: The request's header.
+        scan: Id of the scan whose recording is sent. The saved file has its name. None: the name of the recording.
+    """
     return send_file(
         service.store.folder.recording(recording.id),
         MCAP,
         if_none_match,
-        save_as=f"{recording.id}.mcap",
+        save_as=f"{scan or recording.id}.mcap",
         sha256=recording.sha256,
         size_bytes=recording.size_bytes,
     )

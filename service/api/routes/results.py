@@ -154,7 +154,7 @@ def get_scan_recording(scan: Scan, service: Service, if_none_match: IfNoneMatch)
     recording = service.store.recording(scan.recording) if scan.recording else None
     if recording is None:
         raise ProblemError("no-result", f"scan {scan.id} has no recording", scan=scan.id)
-    return recordings.send_recording(service, recording, if_none_match)
+    return recordings.send_recording(service, recording, if_none_match, scan.id)
 
 
 def _model_since(scan: ScanRow, before: ScanRow, service: Context, if_none_match: str | None) -> Response:

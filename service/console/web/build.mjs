@@ -1,4 +1,4 @@
-// Builds ../built from these sources, and prints the size of each file.
+// Builds ../built from these sources, with a compressed copy of each file, and prints the sizes.
 import { build } from "esbuild";
 import { cp, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { join } from "node:path";
@@ -37,6 +37,8 @@ await Promise.all(STATIC.map((name) => cp(name, join(BUILT, name))));
 
 for (const name of (await readdir(BUILT)).sort()) {
   const content = await readFile(join(BUILT, name));
+  const compressed = gzipSync(content, { level: 9 });
+  await writeFile(join(BUILT, `${name}.gz`), compressed);
   const kB = (bytes) => (bytes / 1000).toFixed(1).padStart(7);
-  console.log(`${kB(content.length)} kB ${kB(gzipSync(content).length)} kB gzipped  ${name}`);
+  console.log(`${kB(content.length)} kB ${kB(compressed.length)} kB gzipped  ${name}`);
 }

@@ -48,6 +48,20 @@ def test_the_files_come_from_the_service_and_are_revalidated(client: ServedClien
         assert again.status_code == 304
 
 
+def test_files_are_sent_compressed_to_clients_that_can_read_it(client: ServedClient) -> None:
+    for name in ("main.js", "main.css"):
+        compressed = client.get(f"/console/{name}", headers={"Accept-Encoding": "gzip"})
+        plain = client.get(f"/console/{name}", headers={"Accept-Encoding": "identity"})
+        assert (compressed.headers["content-encoding"], "content-encoding" in plain.headers) == ("gzip", False)
+        assert compressed.content == plain.content  # as decoded
+        assert compressed.headers["content-type"] == plain.headers["content-type"]
+        assert int(compressed.headers["content-length"]) < len(plain.content) / 2
+        assert compressed.headers["vary"] == plain.headers["vary"] == "Accept-Encoding"
+        assert compressed.headers["etag"] != plain.headers["etag"]
+        known = {"Accept-Encoding": "gzip", "If-None-Match": compressed.headers["etag"]}
+        assert client.get(f"/console/{name}", headers=known).status_code == 304
+
+
 def test_only_built_files_are_served(
     client: ServedClient, assert_problem: Callable[[httpx2.Response, int, str], str]
 ) -> None:

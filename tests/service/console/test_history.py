@@ -97,7 +97,7 @@ def test_a_list_is_requested_again_after_an_error(past: ServedClient, open_conso
     opened.allow_errors("503")
     page = opened.page
     # The page requests its lists again after it has received the last scan.
-    expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Done|Failed"))
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text(re.compile("Accept|Failed"))
     refusal = problem_document("busy", "another program has locked the database; try again")
     page.route("**/api/scans?limit=20", lambda route: route.fulfill(status=503, json=refusal), times=1)
     page.keyboard.press("3")
@@ -136,7 +136,7 @@ def test_older_scans_are_shown_on_request_and_stay_after_a_new_scan(
     expect(rows).to_have_count(min(before, 40))
     recording = past.get("/api/recordings").json()["recordings"][0]["id"]
     finished(past, past.post("/api/scans", json={"mode": "replay", "recording": recording}).headers["Location"])
-    expect(rows.first).to_contain_text("Done")
+    expect(rows.first.locator(".badge")).to_have_text(re.compile("Accept|Look first"))
     expect(rows).to_have_count(min(before + 1, 40))
 
 
@@ -154,25 +154,26 @@ def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(past: Serve
 
 
 OUTCOMES = [
-    ("succeeded", "accept", 1, "good", "Done"),
-    ("partial", "accept", 1, "warn", "Done, views are missing"),
-    ("succeeded", "review", 0, "warn", "No string found"),
-    ("succeeded", "refuse", 1, "bad", "Do not use"),
-    ("partial", "refuse", 1, "bad", "Do not use"),
-    ("partial", "review", 1, "warn", "Done, with doubts, views are missing"),
-    ("succeeded", "review", 1, "warn", "Done, with doubts"),
+    ("succeeded", "accept", 1, 1, "warn", "Look first"),
+    ("succeeded", "accept", 1, 0, "good", "Accept"),
+    ("partial", "accept", 1, 0, "warn", "Accept, views are missing"),
+    ("succeeded", "review", 0, 22, "warn", "No string found"),
+    ("succeeded", "refuse", 1, 22, "bad", "Do not use"),
+    ("partial", "refuse", 1, 22, "bad", "Do not use"),
+    ("partial", "review", 1, 22, "warn", "Look first, views are missing"),
+    ("succeeded", "review", 1, 22, "warn", "Look first"),
 ]
-"""State, verdict and number of strings of a scan, and the style and the text of its badge."""
+"""State, verdict, number of strings and of doubts of a scan, and the style and the text of its badge."""
 
 
 def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Serve, tmp_path: Path) -> None:
     findings = [{"code": "sharp-bend", "severity": "blocking", "message": "one thing blocks"}]
     findings += [{"code": "possible-bar", "severity": "doubt", "message": f"doubt {number}"} for number in range(4)]
-    counts = {"crossings": 0, "doubt_count": 22, "note_count": 3}
+    counts = {"crossings": 0, "note_count": 3}
     with without_recognition(serve, tmp_path) as client:
-        for state, verdict, strings, _, _ in OUTCOMES:
-            doubts = {"doubts": [], "doubt_count": 0} if verdict == "accept" else {"doubts": findings}
-            summary = counts | {"chains": strings, "verdict": verdict} | doubts
+        for state, verdict, strings, doubts, _, _ in OUTCOMES:
+            listed = {"doubts": findings[:doubts], "doubt_count": doubts}
+            summary = counts | {"chains": strings, "verdict": verdict} | listed
             scan = replace(new_scan("live", "graph", None, NOBODY), state=state, summary=summary)
             client.app.state.context.store.scans.add(scan)
         opened = open_console(client, "#/history")
@@ -180,13 +181,13 @@ def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Ser
         page = opened.page
         rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
         expect(rows).to_have_count(len(OUTCOMES))
-        for row, (_, _, _, tone, word) in zip(rows.all(), reversed(OUTCOMES), strict=True):
+        for row, (_, _, _, _, tone, word) in zip(rows.all(), reversed(OUTCOMES), strict=True):
             expect(row.locator(".badge")).to_have_class(f"badge {tone}")
             expect(row.locator(".badge")).to_have_text(re.compile(rf"^\S {word}$"))
 
         page.keyboard.press("1")
         last = page.get_by_role("region", name="The last scan")
-        expect(last.locator(".badge")).to_have_text("▲ Done, with doubts")
+        expect(last.locator(".badge")).to_have_text("▲ Look first")
         expect(last.locator(".badge")).to_have_class("badge warn")
         expect(last.locator(".note:visible")).to_have_text(
             ["⬣ One thing blocks.", "▲ Doubt 0.", "▲ Doubt 1.", re.compile("^17 further doubts are not listed here")]

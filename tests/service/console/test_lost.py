@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from tests.service.console.boxes import assert_texts_fit
 from tests.service.console.conftest import Open
 from tests.service.service_process import process
 
@@ -30,6 +31,9 @@ def test_the_page_marks_its_state_as_old_until_the_service_is_back(open_console:
         os.kill(running.pid, signal.SIGSTOP)  # the service hangs: connections stay open, no data arrives
         expect(bar).to_contain_text("State unknown: no connection")
         expect(bar).to_contain_text("The page shows the state at that time")
+        for width, height in ((390, 844), (1024, 768), (1280, 800)):
+            page.set_viewport_size({"width": width, "height": height})
+            assert_texts_fit(page)
         expect(scan).to_be_disabled()
         stop = page.get_by_role("button", name="STOP the arm")
         expect(stop).to_be_enabled()

@@ -97,11 +97,12 @@ def open_link(page: Page, name: str) -> Page:
 
 def test_each_screen_opens_its_section_of_the_manual(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
-    for key, screen in (("1", "scan"), ("2", "result"), ("3", "history"), ("4", "calibration")):
-        page.keyboard.press(key)
-        expect(page.locator(f'nav a[href="/manual/operator/console.html#{screen}"]')).to_be_visible()
+    sections = ("console.html#scan", "results.html#results", "console.html#history", "console.html#calibration")
+    for key, section in enumerate(sections, start=1):
+        page.keyboard.press(str(key))
+        expect(page.locator(f'nav a[href="/manual/operator/{section}"]')).to_be_visible()
         opened = open_link(page, "Help for this page")
-        assert opened.url.endswith(f"/manual/operator/console.html#{screen}")
+        assert opened.url.endswith(f"/manual/operator/{section}")
         opened.close()
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from recognition.model.document import LATER_GRASP_MEMBERS
@@ -136,11 +136,11 @@ def test_methods_are_compared(open_console: Open, crossed: ServedClient, finishe
 
 
 VERDICTS = {
-    "accept": ("good", "There are no doubts about this result."),
-    "review": ("warn", "There are doubts about this result."),
-    "refuse": ("bad", "This result must not be used."),
+    "accept": ("good", "✓ Accept", "There are no doubts about this result."),
+    "review": ("warn", "▲ Look first", "There are doubts about this result."),
+    "refuse": ("bad", "⬣ Do not use", "This result must not be used"),
 }
-"""The style and the text of each verdict."""
+"""The style, the word and the meaning of each verdict."""
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -164,10 +164,14 @@ def test_the_page_shows_the_verdict_and_the_most_serious_findings_first(
 
     page.route("**/model", with_verdict)
     page.keyboard.press("2")
+    shown = page.get_by_role("region", name="Verdict")
+    tone, word, meaning = VERDICTS[verdict]
+    expect(shown.locator(".badge")).to_have_text(word)
+    expect(shown).to_have_class(f"verdict {tone}")
+    expect(shown).to_contain_text(meaning)
     region = page.get_by_role("region", name="Findings")
-    tone, text = VERDICTS[verdict]
-    expect(region.locator("p").first).to_contain_text(text)
-    expect(region.locator("p").first).to_have_class(f"note {tone}")
+    tops = [part.bounding_box() for part in (shown, region, page.get_by_role("heading", name="Strings"))]
+    assert [top["y"] for top in tops if top] == sorted(top["y"] for top in tops if top)
     region.locator("summary", has_text="1 note").click()
     expect(region.locator("li")).to_have_text(
         ["One thing blocks.", "One thing is in doubt.", "One thing was set aside."][first:]
@@ -180,9 +184,10 @@ def test_the_page_shows_the_verdict_and_the_most_serious_findings_first(
     expect(crossing.locator(".trust")).to_have_count(0 if verdict == "accept" else 1)
 
 
-def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: ServedClient) -> None:
-    """The position comes from the members of a finding, not from its message."""
-    page = open_console(crossed).page
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: ServedClient, width: int) -> None:
+    """The position comes from the members of a finding, not from its message. On a phone, the page scrolls to it."""
+    page = open_console(crossed, width=width).page
     length_m = original_model(crossed)["chains"][0]["length_m"]
     marked = {
         "a crossing": ({"chains": [0], "crossing": 0, "point_m": (0.3, 0.0, 0.0)}, "0over"),
@@ -217,6 +222,15 @@ def test_a_finding_turns_the_view_to_its_position(open_console: Open, crossed: S
         region.get_by_role("button", name=f"{message.capitalize()}.", exact=True).click()
         wait_until(lambda before=before: frame_count(page) > before)
         expect(page.locator(".label3d.marked")).to_contain_text(label)
+        assert is_uncovered(page, page.locator("canvas"))
+
+
+def is_uncovered(page: Page, part: Locator) -> bool:
+    """Return whether a part of the page is completely in the window and below the bar."""
+    box, bar = part.bounding_box(), page.get_by_role("banner").bounding_box()
+    assert box is not None
+    assert bar is not None
+    return bar["y"] + bar["height"] <= box["y"] and box["y"] + box["height"] <= page.evaluate("innerHeight")
 
 
 def as_schema_1(model: dict[str, Any]) -> dict[str, Any]:
@@ -243,11 +257,11 @@ def test_a_result_of_an_earlier_release_is_shown_with_doubts(open_console: Open,
     page.keyboard.press("2")
     wait_until_drawn(page)
     expect(page.get_by_text("This result comes from an earlier release.")).to_be_visible()
+    expect(page.get_by_role("region", name="Verdict").locator(".badge")).to_have_text("▲ Look first")
     region = page.get_by_role("region", name="Findings")
-    expect(region).to_contain_text("There are doubts about this result.")
     expect(region).to_contain_text("2 doubts to read before you grasp")
     expect(region.locator("li")).to_have_text(["Which strand is over is not certain.", "View 3 was not used."])
-    expect(region.locator(".good")).to_have_count(0)
+    expect(page.get_by_role("main").locator(".good")).to_have_count(0)
     string = page.get_by_role("button", name=re.compile("^String 0: "))
     expect(string).to_contain_text("ends unobserved and free")
     expect(string.locator(".trust.warn")).to_contain_text("in doubt; 0 mm of")

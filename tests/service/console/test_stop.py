@@ -18,7 +18,7 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 def test_stop_during_a_move(open_console: Open, cell: Cell, finished: Finished, control: str) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     page.get_by_role("button", name="Scan: the arm will move").click()
-    expect(page.get_by_text("Recording view", exact=False)).to_be_visible()
+    expect(page.get_by_text("views recorded", exact=False)).to_be_visible()
     location = cell.live.client.get("/api/scans?limit=1").json()["scans"][0]["links"]["self"]
     cell.live.wait_for_motion(location)
     page.keyboard.press("3")  # the stop works on every screen

@@ -36,8 +36,10 @@ show(
   "app",
 );
 addEventListener("keydown", screenKeys);
-// The outcome of the last stop is outdated when the arm works again, a fault is acknowledged, or a person signs in.
+// The outcome of the last stop is outdated when the arm works again or is connected, a fault is
+// acknowledged, or a person signs in.
 onceTrue(() => atWork.value, clearStopMessage);
+onceTrue(() => cell.value?.state === "ready", clearStopMessage);
 onceTrue(() => cell.value?.state !== "fault", clearStopMessage);
 onceTrue(() => caller.value !== null, clearStopMessage);
 startUpdates();

@@ -2,6 +2,7 @@ import type { ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { SCREENS, type Screen } from "./route";
 import { t } from "./texts/translate";
+import { loadCode } from "./ui/on_demand";
 
 /** A screen; `id` is the scan in its address. */
 type ScreenComponent = ComponentType<{ id: string | null }>;
@@ -13,22 +14,10 @@ const LOADERS: Record<Screen, () => Promise<ScreenComponent>> = {
   history: async () => (await import("./history/history")).HistoryScreen,
   calibration: async () => (await import("./calibration/calibration")).CalibrationScreen,
 };
-/** Pause before code that did not arrive is requested again. */
-const RETRY_MS = 1000;
-
 const loaded = new Map<Screen, ScreenComponent>();
 
-async function load(screen: Screen): Promise<ScreenComponent> {
-  for (;;) {
-    try {
-      const component = await LOADERS[screen]();
-      loaded.set(screen, component);
-      return component;
-    } catch {
-      // The service did not answer, as the bar says.
-      await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
-    }
-  }
+async function load(screen: Screen): Promise<void> {
+  loaded.set(screen, await loadCode(LOADERS[screen]));
 }
 
 /** A screen, as soon as its code is loaded. The other screens are loaded next, so that they open without the service. */

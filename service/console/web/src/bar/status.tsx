@@ -34,20 +34,22 @@ export function Status() {
   const [open, setOpen] = useState(false); // on a phone; elsewhere the facts are always visible
   return (
     <>
-      <div class="headline">
+      <div class="cell-line">
         <State />
         {cell.value !== null && <SimulatedCell cell={cell.value} />}
         <p class="small news">{newsText()}</p>
-        <button
-          type="button"
-          class="more"
-          aria-expanded={open}
-          aria-controls={FACTS_ID}
-          aria-label={t("state.more")}
-          onClick={() => setOpen(!open)}
-        >
-          {open ? "▴" : "▾"}
-        </button>
+        {caller.value && (
+          <button
+            type="button"
+            class="more"
+            aria-expanded={open}
+            aria-controls={FACTS_ID}
+            aria-label={t("state.more")}
+            onClick={() => setOpen(!open)}
+          >
+            {open ? "▴" : "▾"}
+          </button>
+        )}
       </div>
       <dl class={open ? "facts open" : "facts"} id={FACTS_ID}>
         <Robot />
@@ -84,13 +86,15 @@ function State() {
     );
   }
   // The page says the rest: the Scan screen, or the panel about the stop or fault.
-  const calm = now.state !== "not_ready" || ["not-connected", "stopped"].includes(problemSlug.value ?? "");
+  const stopped = problemSlug.value === "stopped";
+  const calm = now.state !== "not_ready" || stopped || problemSlug.value === "not-connected";
   return (
     <div class={calm ? "state calm" : "state"} role="status">
       <Badge tone={CELL_TONES[now.state]}>{state}</Badge>
       <p>
-        {reasonText(now)} {!calm && <Original shown={reasonText(now)} text={sentence(now.reason ?? "")} />}{" "}
-        {now.state === "not_ready" && <WhatToDo problem={now.problem} />}
+        {stopped ? sentence(problemTitle("stopped", withoutAdvice(now.reason ?? ""))) : reasonText(now)}{" "}
+        {!calm && <Original shown={reasonText(now)} text={sentence(now.reason ?? "")} />}{" "}
+        {now.state === "not_ready" && !stopped && <WhatToDo problem={now.problem} />}
       </p>
     </div>
   );

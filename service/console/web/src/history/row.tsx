@@ -11,6 +11,8 @@ import { Act, Failed, useAction } from "../ui/action";
 import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
 import { Picture } from "../ui/picture";
+import { SimulatedMark } from "../ui/simulated";
+import { ResultFiles } from "../ui/result_files";
 import { Reprocess } from "./reprocess";
 
 interface RowProps {
@@ -39,6 +41,9 @@ export function Row({ scan, opened, changed }: RowProps & { opened: boolean }) {
         <span class="what">
           <strong>{name}</strong>
           <span>{summaryText(scan)}</span>
+          <span>
+            <SimulatedMark scan={scan} />
+          </span>
         </span>
         <Badge tone={tone}>{word}</Badge>
       </button>
@@ -58,13 +63,6 @@ function summaryText({ summary, method, string_radius_m, requested_by, kept }: S
 function Details({ scan, name, changed }: RowProps & { name: string }) {
   const keep = useAction();
   const { links, problem, summary } = scan;
-  const files = [
-    ["model", links.model, `${scan.id}.json`],
-    ["grasps", links.grasps, `${scan.id}-grasps.json`],
-    ["cloud", links.cloud, `${scan.id}.ply`],
-    ["preview", links.preview, `${scan.id}.png`],
-    ["recording", links.recording, `${scan.id}.mcap`],
-  ] as const;
   const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.source)}>{content}</a>;
   return (
     <div class="details" role="group" aria-label={name}>
@@ -83,14 +81,7 @@ function Details({ scan, name, changed }: RowProps & { name: string }) {
             {t("common.look_at_result")}
           </a>
         )}
-        {files.map(
-          ([kind, address, file]) =>
-            address !== null && (
-              <a key={kind} class="button" href={address} download={file}>
-                {t(`history.row.file.${kind}`)}
-              </a>
-            ),
-        )}
+        <ResultFiles scan={scan} />
         {canOperate.value && (
           <Act
             action={keep}

@@ -10,7 +10,7 @@ import { lineOf, type Other } from "../view3d/scene";
 import { mm } from "../texts/format";
 import { hasModel, METHODS } from "../texts/states";
 import { t } from "../texts/translate";
-import { loadModel } from "./use_result";
+import { loadModel } from "./data/use_result";
 
 interface CompareProps {
   scan: Scan;

@@ -2,7 +2,6 @@ import type { ComponentChildren } from "preact";
 import type { Finding, Model } from "../net/api";
 import { distinctFindings, FINDING_TONES, findingText } from "../texts/findings";
 import { sentence } from "../texts/sentence";
-import { VERDICT_TONES } from "../texts/states";
 import { t } from "../texts/translate";
 import { Original } from "../ui/original";
 import type { Target, ViewPose } from "../view3d/scene";
@@ -15,14 +14,10 @@ interface FindingsProps {
   show: (target: Target) => void;
 }
 
-/** The verdict and the findings. A press on a finding turns the view to its position. */
+/** The findings. A press on one turns the view to its position. */
 export function Findings({ model, views, show }: FindingsProps) {
-  const { verdict } = model.quality;
   const findings = distinctFindings(model.quality.findings);
   const noString = model.chains.length === 0;
-  const verdictText = t(
-    noString && verdict === "review" ? "result.findings.no_string_review" : `result.findings.verdict.${verdict}`,
-  );
   const items = (listed: readonly Finding[]) => (
     <ul class="targets">
       {listed.map((finding) => (
@@ -34,11 +29,6 @@ export function Findings({ model, views, show }: FindingsProps) {
   );
   return (
     <section aria-label={t("result.findings.region")}>
-      {!(noString && verdict === "accept") && (
-        <p class={`note ${VERDICT_TONES[verdict]}`}>
-          <strong>{verdictText}</strong>
-        </p>
-      )}
       {noString ? (
         <>
           {findings.length > 0 && <h2 class="warn">{t("result.findings.no_string")}</h2>}

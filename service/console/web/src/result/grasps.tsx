@@ -1,4 +1,4 @@
-import type { Model } from "../net/api";
+import type { Model, Scan } from "../net/api";
 import { mm } from "../texts/format";
 import { t } from "../texts/translate";
 import { Act, Failed } from "../ui/action";
@@ -7,9 +7,10 @@ import type { Grasp, Target } from "../view3d/scene";
 import type { Selection } from "../viewer/viewer";
 import { MAX_CLEARANCE_M, SelectedGrasp } from "./selected_grasp";
 import { Trust, TRUST_CLASSES } from "./trust";
-import type { Reach } from "./use_reach";
+import type { Reach } from "./data/use_reach";
 
 interface GraspsProps {
+  scan: Scan;
   model: Model;
   /** The grasps to list. */
   listed: readonly Grasp[];
@@ -24,7 +25,7 @@ interface GraspsProps {
  * The best grasps, those that the arm reaches first. A press on one selects it and shows its details; another press
  * deselects it.
  */
-export function Grasps({ model, listed, reach, selection, select, show }: GraspsProps) {
+export function Grasps({ scan, model, listed, reach, selection, select, show }: GraspsProps) {
   const total = model.grasps.length;
   const selected = selection?.target.kind === "grasp" ? selection.target.id : null;
   return (
@@ -53,6 +54,7 @@ export function Grasps({ model, listed, reach, selection, select, show }: Grasps
             </button>
             {grasp.id === selected && (
               <SelectedGrasp
+                scan={scan}
                 grasp={grasp}
                 chain={model.chains.find(({ id }) => id === grasp.chain)}
                 reach={reach}

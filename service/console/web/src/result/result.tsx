@@ -1,33 +1,37 @@
-import { useMemo, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import type { Model, Scan } from "../net/api";
-import { addressOf } from "../route";
-import { RadiusWarning } from "../scan/radius_warning";
-import { RecordingName } from "../scan/recording_name";
-import { latestOriginal } from "../state/scans";
 import { when } from "../texts/format";
-import { problemDetail } from "../texts/problem";
-import { foundText, hasModel, isActive, isElsewhere, kindOf, outcome } from "../texts/states";
+import { isElsewhere, kindOf, outcome } from "../texts/states";
 import { rich, t } from "../texts/translate";
-import { Failed, strong } from "../ui/action";
-import { WhatToDo } from "../ui/manual";
+import { Failed } from "../ui/action";
 import { pointAt } from "../view3d/arc_length";
 import { orderGradient } from "../view3d/order_colours";
 import type { Other, Target } from "../view3d/scene";
+import type { View3D } from "../view3d/view3d";
+import { SimulatedMark } from "../ui/simulated";
+import { onDemand } from "../ui/on_demand";
 import { type Selection, Viewer } from "../viewer/viewer";
-import { Compare } from "./compare";
+import type { Earlier } from "./changes";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
-import { listedGrasps } from "./listed_grasps";
+import { listedGrasps } from "./data/listed_grasps";
+import { Measuring, measuredTo } from "./tools/measuring";
 import { NewestResult } from "./newest_result";
-import { SelectedPoint } from "./selected_point";
+import { type Position, positionOf } from "./tools/position";
+import { keepBelowBar, reveal, revealBeside } from "./reveal";
+import { ScanNotes } from "./scan_notes";
+import { ToSelectedGrasp } from "./selected_grasp";
+import { SelectedPosition } from "./tools/selected_position";
 import { Strings } from "./strings";
-import { useHeights } from "./use_heights";
-import { useReach } from "./use_reach";
-import { useResult } from "./use_result";
+import { useHeights } from "./data/use_heights";
+import { useReach } from "./data/use_reach";
+import { useResult } from "./data/use_result";
+import { Verdict } from "./verdict";
 
+const More = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
 /** The result of a scan: in 3D, and as lists beside it. */
@@ -38,6 +42,7 @@ export function ResultScreen({ id }: { id: string | null }) {
 function Result({ id }: { id: string }) {
   const loaded = useResult(id);
   const [selection, select] = useState<Selection | null>(null);
+  const [earlier, setEarlier] = useState<Earlier | null>(null);
   const [others, setOthers] = useState<readonly Other[]>([]);
   const { scan, model, cloud, views } = loaded;
   const heights = useHeights(scan);
@@ -48,18 +53,43 @@ function Result({ id }: { id: string }) {
     () => (model === null ? [] : listedGrasps(model, reach.grasps, grasp)),
     [model, reach.grasps, grasp],
   );
+  const [from, measureFrom] = useState<Position | null>(null);
+  const to = measuredTo(from, selection?.target ?? null, model);
+  const measured = useMemo(() => from && { from: from.point, to: to?.point ?? null }, [from, to?.name]);
   const content = useMemo(
-    () => ({ model, grasps, cloud, views, others, heights: map }),
-    [model, grasps, cloud, views, others, map],
+    () => ({ model, grasps, cloud, views, others, heights: map, measured, earlier: earlier?.model ?? null }),
+    [model, grasps, cloud, views, others, map, measured, earlier],
   );
+  const [view, setView] = useState<View3D | null>(null);
   const drawn = useRef<HTMLDivElement>(null);
+  const selected = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    // A position that was picked in the picture is described beside it.
+    if (selection === null || selection.turn || model === null || positionOf(selection.target, model) === null) return;
+    if (selected.current !== null) revealBeside(selected.current);
+  }, [selection]);
+  useEffect(() => (drawn.current === null ? undefined : keepBelowBar(drawn.current)), []);
   const show = (target: Target) => {
     select({ target, turn: true });
-    drawn.current?.scrollIntoView({ block: "nearest" }); // on a narrow screen the picture is above the lists
+    const canvas = drawn.current?.querySelector("canvas");
+    if (canvas) reveal(canvas); // on a narrow screen the picture is above the lists
   };
 
   return (
     <div class="result">
+      {model !== null && scan !== null ? (
+        <Verdict scan={scan} model={model} />
+      ) : (
+        <header class="verdict">
+          <h1>{t("result.title")}</h1>
+          {scan !== null && <Description scan={scan} />}
+        </header>
+      )}
+      <div class="doubts">
+        {scan !== null && <ScanNotes scan={scan} isEarlier={loaded.isEarlier} />}
+        <Failed failure={loaded.failure} />
+        {model !== null && <Findings model={model} views={views} show={show} />}
+      </div>
       <div class="drawn" ref={drawn}>
         <Viewer
           content={content}
@@ -69,87 +99,67 @@ function Result({ id }: { id: string }) {
           onDemand={scan?.links.height_map ? { layer: "heights", set: heights.show } : null}
           selection={selection}
           picked={(target) => select({ target: model === null ? target : onPoint(model, target), turn: false })}
+          opened={setView}
           fallback={scan?.links.preview}
         />
-        <p class="small legend">
-          {rich("result.legend", { gradient: <span style={{ background: orderGradient() }} /> })}
-        </p>
-        {map !== null && <HeightLegend map={map} />}
-        <Failed failure={heights.failure} />
-      </div>
-      <div class="beside">
-        <h1>{model === null ? t("result.title") : foundText(model.chains.length, model.crossings.length)}</h1>
-        {scan !== null && <Description scan={scan} model={model} />}
-        {scan?.problem && (
-          <p class="note bad">
-            {problemDetail(scan.problem)} <WhatToDo problem={scan.problem.type} />
+        <div class="legends">
+          <p class="small legend">
+            {rich("result.legend", { gradient: <span style={{ background: orderGradient() }} /> })}{" "}
+            {model !== null && model.chains.length > 0 && t("result.point.none")}
           </p>
-        )}
-        {scan !== null && isElsewhere(scan) && scan.recording !== null && (
-          <p class="note warn">{rich("result.recording", { name: <RecordingName id={scan.recording} />, strong })}</p>
-        )}
-        {scan !== null && <NewerScanNote than={scan} />}
-        <Failed failure={loaded.failure} />
-        {model !== null && scan !== null && (
-          <>
-            <RadiusWarning scan={scan} />
-            {loaded.isEarlier && <EarlierReleaseNote scan={scan} />}
-            <Findings model={model} views={views} show={show} />
-            {model.chains.length > 0 && (
-              <>
-                <SelectedPoint model={model} target={selection?.target ?? null} select={select} />
-                <Strings model={model} show={show} />
-                <Crossings model={model} show={show} />
-                <Grasps model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
-              </>
-            )}
-            {scan.recording !== null && <Compare scan={scan} model={model} others={others} setOthers={setOthers} />}
-          </>
-        )}
+          {map !== null && <HeightLegend map={map} />}
+          <Failed failure={heights.failure} />
+        </div>
       </div>
+      {model !== null && scan !== null && (
+        <div class="selected" ref={selected}>
+          {from !== null && <Measuring scan={scan} from={from} to={to} end={() => measureFrom(null)} />}
+          {grasp !== null && <ToSelectedGrasp id={grasp} />}
+          {selection !== null && (
+            <SelectedPosition
+              scan={scan}
+              model={model}
+              target={selection.target}
+              select={select}
+              measureFrom={measureFrom}
+            />
+          )}
+        </div>
+      )}
+      {model !== null && scan !== null && (
+        <div class="beside">
+          {model.chains.length > 0 && (
+            <>
+              <Strings model={model} show={show} />
+              <Crossings model={model} show={show} />
+              <Grasps scan={scan} model={model} listed={grasps} reach={reach} selection={selection} select={select} show={show} />
+            </>
+          )}
+          <More
+            scan={scan}
+            model={model}
+            views={views}
+            view={view}
+            earlier={earlier}
+            setEarlier={setEarlier}
+            others={others}
+            setOthers={setOthers}
+            selection={selection}
+            show={show}
+          />
+        </div>
+      )}
     </div>
   );
 }
 
-function Description({ scan, model }: { scan: Scan; model: Model | null }) {
+/** The outcome of a scan without a model. */
+function Description({ scan }: { scan: Scan }) {
   const { word, tone } = outcome(scan);
-  const values = { kind: kindOf(scan), when: when(scan.created_at) };
   return (
     <p>
-      <Badge tone={tone}>{word}</Badge>{" "}
-      {model === null
-        ? t("common.kind_and_time", values)
-        : t("scan.last.description", { ...values, method: t(`method.${scan.method}.name`) })}
-    </p>
-  );
-}
-
-/** Says that an earlier release of the service made the result. */
-function EarlierReleaseNote({ scan }: { scan: Scan }) {
-  const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.id)}>{content}</a>;
-  return (
-    <p class="note warn">
-      {rich("result.earlier_release", { strong })}{" "}
-      {scan.links.reprocess !== null && rich("result.earlier_release_again", { link })}
-    </p>
-  );
-}
-
-/** Warns that there is a newer scan: the table may have changed since this one. */
-function NewerScanNote({ than }: { than: Scan }) {
-  const newest = latestOriginal.value;
-  if (newest === null || newest.id === than.id) return null;
-  if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
-  // A repeated recognition shows the table at the time of its source, no matter when it was made.
-  if (than.source === null && newest.created_at <= than.created_at) return null;
-  const address = hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan");
-  const link = (content: preact.ComponentChildren) => <a href={address}>{content}</a>;
-  const values = { when: when(newest.created_at), strong, link };
-  return (
-    <p class="note warn">
-      {isActive(newest.state)
-        ? rich("result.earlier_running", values)
-        : rich("result.earlier_ended", { ...values, outcome: outcome(newest).word })}
+      <Badge tone={tone}>{word}</Badge> <SimulatedMark scan={scan} />{" "}
+      {t("common.kind_and_time", { kind: kindOf(scan), when: when(scan.created_at) })}
     </p>
   );
 }

@@ -1,17 +1,38 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
+import type { Scan } from "../net/api";
 import { mm, percent, plusMinus, pointText } from "../texts/format";
 import { sentence } from "../texts/sentence";
 import { SHAPES, type Tone } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { HintedEntry } from "../ui/hint";
 import type { Chain, Grasp, Pose } from "../view3d/scene";
-import type { Reach } from "./use_reach";
+import { Copy } from "./tools/copy";
+import { reveal, revealBeside } from "./reveal";
+import type { Reach } from "./data/use_reach";
 
 /** Recognition measures clearances only up to this distance. */
 export const MAX_CLEARANCE_M = 0.03;
 
+const SELECTED_GRASP = "selected-grasp";
+
+/** A button to the details of the selected grasp, for a narrow screen, where they are far below the picture. */
+export function ToSelectedGrasp({ id }: { id: number }) {
+  const scroll = () => {
+    const details = document.getElementById(SELECTED_GRASP);
+    if (details !== null) reveal(details);
+  };
+  return (
+    <p class="only-narrow">
+      <button type="button" onClick={scroll}>
+        {t("result.grasp.details", { id })}
+      </button>
+    </p>
+  );
+}
+
 interface SelectedGraspProps {
+  scan: Scan;
   grasp: Grasp;
   chain: Chain | undefined;
   reach: Reach;
@@ -20,16 +41,15 @@ interface SelectedGraspProps {
 }
 
 /** What to know about the selected grasp before it is carried out. */
-export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProps) {
+export function SelectedGrasp({ scan, grasp, chain, reach, picked }: SelectedGraspProps) {
   const section = useRef<HTMLElement>(null);
   useEffect(() => {
-    // Above the lists, the picture would scroll away; as in result.css.
-    if (picked && !matchMedia("(max-width: 62rem)").matches) section.current?.scrollIntoView({ block: "nearest" });
+    if (picked && section.current !== null) revealBeside(section.current);
   }, [picked]);
   const { T_base_grasp, T_base_flange, sigma_m, score } = grasp;
   const distances = distanceTexts(grasp);
   return (
-    <section ref={section} class="panel point" aria-label={t("result.grasp.region")}>
+    <section ref={section} id={SELECTED_GRASP} class="panel point" aria-label={t("result.grasp.region")}>
       <dl>
         <dt>{t("result.grasp.string")}</dt>
         <dd>{stringText(grasp, chain)}</dd>
@@ -71,6 +91,9 @@ export function SelectedGrasp({ grasp, chain, reach, picked }: SelectedGraspProp
           </HintedEntry>
         )}
       </dl>
+      <div class="row">
+        <Copy value={copyOf(scan, grasp, reach)} />
+      </div>
     </section>
   );
 }
@@ -124,6 +147,14 @@ function liftTexts({ chain, chains_above, object_above_m }: Grasp): { tone: Tone
   }));
   if (object_above_m !== null) texts.push({ tone: "warn", text: t("result.grasp.touches", { height: mm(object_above_m, 0) }) });
   return texts.length > 0 ? texts : [{ tone: "good", text: t("result.grasp.lift_free") }];
+}
+
+/** Return what is copied of a grasp. */
+function copyOf(scan: Scan, grasp: Grasp, { grasps }: Reach): object {
+  const { id, chain, s_m, trusted, opening_m, T_base_grasp, T_base_flange } = grasp;
+  const { reachable = null, q_pregrasp_rad = null, q_grasp_rad = null } = grasps?.get(id)?.reach ?? {};
+  const poses = { T_base_grasp, T_base_flange };
+  return { scan: scan.id, frame: "base", grasp: id, chain, s_m, trusted, opening_m, ...poses, reachable, q_pregrasp_rad, q_grasp_rad };
 }
 
 /** Return the position of a pose. */

@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
 import { CellView } from "../cell_view/cell_view";
 import type { Model, Scan } from "../net/api";
-import { loadModel } from "../result/use_result";
+import { loadModel } from "../result/data/use_result";
 import { cell } from "../state/cell";
 import { followed, latestOriginal, running } from "../state/scans";
 import { callerNames, canOperate } from "../state/session";

@@ -36,15 +36,39 @@ export function scanWord(state: ScanState): string {
   return t(`scan_state.${state}`);
 }
 
-/** Return the outcome of a scan. It is good only if there is no doubt about the result, and something to grasp. */
-export function outcome({ state, summary }: Scan): { word: string; tone: Tone } {
+/** A word for an outcome, and how it is drawn. */
+export interface Outcome {
+  word: string;
+  tone: Tone;
+}
+
+/** What decides whether a program may use a result. */
+interface Judged {
+  verdict: Verdict;
+  strings: number;
+  /** Number of doubts and blocking findings. */
+  doubts: number;
+  /** Views are missing. */
+  partial: boolean;
+}
+
+/** Return the outcome of a result. It is good only without any doubt, with all views, and with something to grasp. */
+export function resultOutcome({ verdict, strings, doubts, partial }: Judged): Outcome {
+  if (verdict === "refuse") return { word: t("outcome.refuse"), tone: "bad" };
+  if (strings === 0) return { word: t("outcome.no_string"), tone: "warn" };
+  const accepted = verdict === "accept" && doubts === 0;
+  const word = accepted ? t("outcome.accept") : t("outcome.review");
+  if (partial) return { word: t("outcome.views_missing", { outcome: word }), tone: "warn" };
+  return { word, tone: accepted ? "good" : "warn" };
+}
+
+/** Return the outcome of a scan. */
+export function outcome({ state, summary }: Scan): Outcome {
   if (summary === null) return { word: scanWord(state), tone: state === "succeeded" ? "none" : SCAN_TONES[state] };
-  if (summary.verdict === "refuse") return { word: t("scan_state.refuse"), tone: "bad" };
-  if (summary.chains === 0) return { word: t("scan_state.no_string"), tone: "warn" };
-  if (summary.verdict === "review" && (state === "succeeded" || state === "partial")) {
-    return { word: t(`scan_state.${state}_review`), tone: "warn" };
-  }
-  return { word: scanWord(state), tone: SCAN_TONES[state] };
+  const { verdict, chains, doubt_count } = summary;
+  const unusable = verdict === "refuse" || chains === 0;
+  if (!unusable && state !== "succeeded" && state !== "partial") return { word: scanWord(state), tone: SCAN_TONES[state] };
+  return resultOutcome({ verdict, strings: chains, doubts: doubt_count, partial: state === "partial" });
 }
 
 /** Return whether a scan or run in this state continues. */

@@ -8,7 +8,7 @@ const MANUAL = "/manual";
 /** The section of the manual that describes a screen. */
 export const SECTIONS: Record<Screen | "sign-in", string> = {
   scan: "operator/console.html#scan",
-  result: "operator/console.html#result",
+  result: "operator/results.html#results",
   history: "operator/console.html#history",
   calibration: "operator/console.html#calibration",
   "sign-in": "operator/console.html#sign-in",

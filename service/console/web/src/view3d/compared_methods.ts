@@ -1,6 +1,8 @@
 import { CapsuleGeometry, Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
+import { t } from "../texts/translate";
 import { pieceCount, pointAt } from "./arc_length";
-import { type Chain, lineOf, type LineStyle, type Other } from "./scene";
+import { label } from "./labels";
+import { type Chain, EARLIER_LINE, lineOf, type LineStyle, type Model, type Other } from "./scene";
 import { directionAt } from "./tubes";
 
 /** Length of a stroke and distance between strokes, in string radii. */
@@ -16,13 +18,23 @@ const RIM_COLOUR = new Color("#10181f");
 export function drawOthers(others: readonly Other[]): Group {
   const group = new Group();
   for (const { method, model } of others) {
-    const { style, colour } = lineOf(method);
-    for (const chain of model.chains) {
-      group.add(strokes(chain, style, RIM, RIM_COLOUR, 20));
-      group.add(strokes(chain, style, CORE, new Color(colour), 21));
-    }
+    for (const chain of model.chains) group.add(...line(chain, lineOf(method)));
   }
   return group;
+}
+
+/** Draw the strings of an earlier scan, likewise. */
+export function drawEarlier(earlier: Model | null): Group {
+  const group = new Group();
+  for (const chain of earlier?.chains ?? []) {
+    const brief = t("viewer.label.earlier_string", { id: chain.id });
+    group.add(...line(chain, EARLIER_LINE), label({ brief, kind: "earlier", rank: 6 }, pointAt(chain, 0).point));
+  }
+  return group;
+}
+
+function line(chain: Chain, { style, colour }: { style: LineStyle; colour: string }): InstancedMesh[] {
+  return [strokes(chain, style, RIM, RIM_COLOUR, 20), strokes(chain, style, CORE, new Color(colour), 21)];
 }
 
 function strokes(chain: Chain, style: LineStyle, thick: number, colour: Color, order: number): InstancedMesh {

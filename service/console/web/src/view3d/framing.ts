@@ -51,8 +51,9 @@ export function pointsToFrame(
   shown: ReadonlySet<Layer>,
   marked: Target | null,
 ): Vector3[] {
-  const { model, grasps, gripper, geometry, q_rad, views, planned } = content;
-  const points = (model?.chains ?? []).flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
+  const { model, earlier, grasps, gripper, geometry, q_rad, views, planned } = content;
+  const chains = [...(model?.chains ?? []), ...(earlier?.chains ?? [])];
+  const points = chains.flatMap((chain) => chain.points.map((point) => new Vector3().fromArray(point)));
   if (points.length === 0 && cloud !== null) points.push(...sample(cloud));
   if (points.length === 0 && geometry !== null) points.push(...corners(geometry));
   const grasp = marked?.kind === "grasp" ? grasps.find(({ id }) => id === marked.id) : undefined;

@@ -9,8 +9,9 @@ import { drawGrasp, graspText, handleOf } from "./grasps";
 import { drawMotion, palmOf, pointsOfMotion } from "./grasp_motion";
 import { label } from "./labels";
 import type { Palette } from "./palette";
-import { rod } from "./rod";
-import type { Chain, Content, Target } from "./scene";
+import { matrixOf } from "./pose";
+import { arrow, rod } from "./rod";
+import type { Chain, ChainChange, Content, Target } from "./scene";
 import { directionAt, tube } from "./tubes";
 
 const UP = new Vector3(0, 0, 1);
@@ -68,6 +69,9 @@ export function drawMark(target: Target | null, content: Content, palette: Palet
       else group.add(drawGrasp(one, palette.accent), marked(name, graspText(one), handleOf(one)));
       break;
     }
+    case "change":
+      group.add(markChange(target.change, content, palette));
+      break;
     case "at":
       group.add(pin(new Vector3().fromArray(target.point), RADIUS_M, palette.accent, pointText(target.point)));
   }
@@ -118,9 +122,39 @@ export function whereIs(target: Target, content: Content): Place | null {
       const grasp = content.grasps.find((one) => one.id === target.id);
       return grasp ? { point: handleOf(grasp), around_m: 0.06, outline: pointsOfMotion(grasp, content.gripper) } : null;
     }
+    case "change": {
+      const points = changedChains(target.change, content).flatMap((one) => one.points);
+      const outline = points.map((point) => new Vector3().fromArray(point));
+      return outline[0] ? { point: outline[0], around_m: RADIUS_M, outline } : null;
+    }
     case "at":
       return { point: new Vector3().fromArray(target.point), around_m: 10 * RADIUS_M };
   }
+}
+
+/** Return the chain of a change in this model and in the earlier one, where there is one. */
+function changedChains({ chain, before }: ChainChange, { model, earlier }: Content): Chain[] {
+  const now = model?.chains.filter(({ id }) => id === chain) ?? [];
+  return [...now, ...(earlier?.chains.filter(({ id }) => id === before) ?? [])];
+}
+
+/** Mark a string now and before, and its motion by an arrow. */
+function markChange(change: ChainChange, content: Content, palette: Palette): Group {
+  const group = new Group();
+  for (const one of changedChains(change, content)) {
+    group.add(markPiece(one, { from_m: 0, to_m: one.length_m }, palette.accent));
+  }
+  const before = content.earlier?.chains.find(({ id }) => id === change.before);
+  if (before === undefined || change.T_now_before === null) return group;
+  const from = new Vector3().fromArray(pointAt(before, before.length_m / 2).point);
+  const to = from.clone().applyMatrix4(matrixOf(change.T_now_before));
+  const motion = arrow(from, to, 0.35 * before.radius_m, palette.accent);
+  motion.traverse((part) => {
+    if (!(part instanceof Mesh)) return;
+    part.material.depthTest = false;
+    part.renderOrder = 30;
+  });
+  return group.add(motion);
 }
 
 function markPoint(chain: Chain, s_m: number, colour: Color): Group {

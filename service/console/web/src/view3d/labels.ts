@@ -1,6 +1,6 @@
 import { type Object3D, type Scene, Vector3 } from "three";
 import { CSS2DObject, CSS2DRenderer } from "three/examples/jsm/renderers/CSS2DRenderer.js";
-import { inside, overlap, rectangleBeside, type Rectangle } from "./rectangle";
+import { inside, movedInside, overlap, rectangleBeside, type Rectangle } from "./rectangle";
 import type { Target, Point } from "./scene";
 import { pixelsAhead, type Screen, project } from "./screen";
 
@@ -83,8 +83,9 @@ export class LabelLayer {
     this.element.classList.toggle("quiet", !shown);
   }
 
-  draw(scene: Scene, screen: Screen, strings: readonly Rectangle[]): void {
-    this.taken = [];
+  /** Place the labels; none covers the area `kept`. */
+  draw(scene: Scene, screen: Screen, strings: readonly Rectangle[], kept: Rectangle): void {
+    this.taken = [{ area: kept, target: null, rank: -1 }];
     if (this.element.classList.contains("quiet")) return;
     const objects = labelsIn(scene);
     if (objects.some((object) => dataOf(object).size === null)) {
@@ -116,8 +117,10 @@ export class LabelLayer {
     const marked = this.taken.filter((other) => other.rank < 0);
     const always = (area: Rectangle) => rank < 1 && !marked.some((other) => overlap(other.area, area));
     const short = rank < 0 ? full : brief;
-    const area = full?.find(clear) ?? short?.find(clear) ?? short?.find(free) ?? short?.find(always);
-    object.element.classList.toggle("brief", area !== undefined && !full?.includes(area));
+    const isOnScreen = inside({ left: projected.x, right: projected.x, top: projected.y, bottom: projected.y }, screen);
+    const shown = isOnScreen ? short?.map((one) => movedInside(one, screen)) : [];
+    const area = full?.find(clear) ?? short?.find(clear) ?? short?.find(free) ?? shown?.find(always);
+    object.element.classList.toggle("brief", area !== undefined && short !== full && !full?.includes(area));
     object.element.classList.toggle("crowded", area === undefined);
     if (area === undefined) return;
     object.center.set((projected.x - area.left) / (area.right - area.left), (projected.y - area.top) / (area.bottom - area.top));

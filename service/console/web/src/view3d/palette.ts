@@ -18,6 +18,7 @@ export interface Palette {
   warn: Color;
   unsure: Color;
   grasp: Color;
+  measured: Color;
   arm: Color;
   cloudLow: Color;
   cloudHigh: Color;
@@ -35,8 +36,8 @@ const OF_THE_PAGE = {
 } as const;
 /** Colours that only the scene has. */
 const OWN: Record<Scheme, Record<Exclude<keyof Palette, keyof typeof OF_THE_PAGE>, string>> = {
-  light: { unsure: "#d83a00", grasp: "#b0008e", arm: "#5b6770", cloudLow: "#3c464e", cloudHigh: "#a9b4bc" },
-  dark: { unsure: "#ff7a45", grasp: "#ff6ad5", arm: "#9fb0bc", cloudLow: "#5d6972", cloudHigh: "#d5dee4" },
+  light: { unsure: "#d83a00", grasp: "#b0008e", measured: "#c2410c", arm: "#5b6770", cloudLow: "#3c464e", cloudHigh: "#a9b4bc" },
+  dark: { unsure: "#ff7a45", grasp: "#ff6ad5", measured: "#ffd166", arm: "#9fb0bc", cloudLow: "#5d6972", cloudHigh: "#d5dee4" },
 };
 
 /** Return the colours of a scheme; shared ones come from the style of the page. */
@@ -57,6 +58,7 @@ export function paletteOf(element: Element, scheme: Scheme): Palette {
     warn: page("warn"),
     unsure: new Color(own.unsure),
     grasp: new Color(own.grasp),
+    measured: new Color(own.measured),
     arm: new Color(own.arm),
     cloudLow: new Color(own.cloudLow),
     cloudHigh: new Color(own.cloudHigh),

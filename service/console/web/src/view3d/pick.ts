@@ -3,15 +3,26 @@ import { pieceCount, vertexAt } from "./arc_length";
 import { eyeOf } from "./cameras";
 import { strandsOf } from "./crossings";
 import { handleOf } from "./grasps";
+import { pickCloud, pickHeights } from "./pick_surface";
 import { type Chain, type Content, type Layer, type Target } from "./scene";
 import { pixelsAhead, type Screen, type Seen, project } from "./screen";
 
 /** Accuracy of a finger, pixels; less where many targets are close together. */
 const [FINGER, NEAR] = [24, 14];
 
-/** Return the target at a point of the canvas: crossings and grasps before strings, strings before cameras. */
-export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen, x: number, y: number): Target | null {
-  const { model, grasps, views } = content;
+/**
+ * Return the target at a point of the canvas: crossings and grasps before strings, strings before cameras, and these
+ * before the measured points and heights.
+ */
+export function pick(
+  content: Content,
+  cloud: Float32Array | null,
+  shown: ReadonlySet<Layer>,
+  screen: Screen,
+  x: number,
+  y: number,
+): Target | null {
+  const { model, grasps, views, heights } = content;
   const apart = (point: Vector3 | undefined) => {
     const projected = point && project(point, screen);
     return projected && projected.ahead_m > 0 ? Math.hypot(projected.x - x, projected.y - y) : Infinity;
@@ -27,7 +38,10 @@ export function pick(content: Content, shown: ReadonlySet<Layer>, screen: Screen
   const found = model !== null && shown.has("strings") ? pickChain(model.chains, screen, x, y) : null;
   if (found) return found;
   const view = shown.has("cameras") ? nearest(views, (one) => apart(eyeOf(one)), FINGER) : null;
-  return view && { kind: "view", index: view.index };
+  if (view) return { kind: "view", index: view.index };
+  const measured = cloud !== null && shown.has("cloud") ? pickCloud(cloud, screen, x, y) : null;
+  if (measured) return measured;
+  return heights !== null && shown.has("heights") ? pickHeights(heights, screen, x, y) : null;
 }
 
 /** Return the nearest candidate within a limit. */

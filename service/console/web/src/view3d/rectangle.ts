@@ -23,6 +23,13 @@ export function overlap(a: Rectangle, b: Rectangle): boolean {
   return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
 }
 
+/** Return a rectangle, moved so that it is on a screen. */
+export function movedInside(area: Rectangle, { width, height }: { width: number; height: number }): Rectangle {
+  const dx = Math.max(0, -area.left) - Math.max(0, area.right - width);
+  const dy = Math.max(0, -area.top) - Math.max(0, area.bottom - height);
+  return { left: area.left + dx, right: area.right + dx, top: area.top + dy, bottom: area.bottom + dy };
+}
+
 /** Return whether a rectangle is on a screen. */
 export function inside(area: Rectangle, { width, height }: { width: number; height: number }): boolean {
   return area.left >= 0 && area.top >= 0 && area.right <= width && area.bottom <= height;

@@ -1,4 +1,5 @@
 import { t } from "../texts/translate";
+import type { Rectangle } from "./rectangle";
 
 const [SHORTEST, LONGEST] = [60, 160];
 const ROUND_MM = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000];
@@ -21,6 +22,12 @@ export class Scale {
     const fits = widths.find(({ pixels }) => pixels >= SHORTEST && pixels <= LONGEST);
     this.bar.style.width = `${fits?.pixels ?? 0}px`;
     this.text.textContent = fits ? t("units.mm", { value: fits.mm }) : "";
+  }
+
+  /** The part of the canvas that the bar covers. */
+  get area(): Rectangle {
+    const { offsetLeft: left, offsetTop: top, offsetWidth, offsetHeight } = this.element;
+    return { left, top, right: left + offsetWidth, bottom: top + offsetHeight };
   }
 
   dispose(): void {

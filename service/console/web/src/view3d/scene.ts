@@ -48,6 +48,12 @@ export interface Other {
   model: Model;
 }
 
+/** A distance that a person measures; `to` is null until the second position is selected. */
+export interface Measured {
+  from: Point;
+  to: Point | null;
+}
+
 /** The content to draw; unknown parts are null or empty. */
 export interface Content {
   model: Model | null;
@@ -68,6 +74,9 @@ export interface Content {
   lens: Lens | null;
   /** The points of each view of a running scan, as PLY files. */
   viewClouds: readonly ArrayBuffer[];
+  measured: Measured | null;
+  /** The model of an earlier scan of the same table. */
+  earlier: Model | null;
 }
 
 /** A part of the scene that can be selected. */
@@ -78,10 +87,24 @@ export type Target =
   | { kind: "part"; chain: number; from_m: number; to_m: number }
   | { kind: "view"; index: number }
   | { kind: "at"; point: Point }
-  | { kind: "grasp"; id: number };
+  | { kind: "grasp"; id: number }
+  | { kind: "change"; change: ChainChange };
+
+/** A string in this model, in the earlier one, or in both. */
+export interface ChainChange {
+  /** Id of the chain in this model; null: it is gone. */
+  chain: number | null;
+  /** Id of the chain in the earlier model; null: it is new. */
+  before: number | null;
+  /** Motion from points before to points now; null: it did not move, or is in one model only. */
+  T_now_before: Pose | null;
+}
 
 /** Style of a line that represents a string. */
 export type LineStyle = "solid" | "dashed" | "dotted";
+
+/** How the strings of an earlier scan are drawn. */
+export const EARLIER_LINE: { style: LineStyle; colour: string } = { style: "dashed", colour: "#ff9f6b" };
 
 /** Return how the strings of a compared method are drawn: light, because they have a dark rim. */
 export function lineOf(method: string): { style: LineStyle; colour: string } {

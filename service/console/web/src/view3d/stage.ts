@@ -10,10 +10,12 @@ import { drawGrasps } from "./grasps";
 import { drawHeights } from "./heights";
 import { LabelLayer } from "./labels";
 import { drawMark, whereIs } from "./highlight";
-import { drawOthers } from "./compared_methods";
+import { drawEarlier, drawOthers } from "./compared_methods";
+import { drawMeasured } from "./measured";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
 import { pick } from "./pick";
+import { pictureOf } from "./picture";
 import { PIXEL, SHARPNESS } from "./pixel";
 import { readCloud } from "./ply";
 import { drawGeometry } from "./geometry";
@@ -27,7 +29,7 @@ import type { View3D } from "./view3d";
 
 const NOTHING: Content = {
   model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
-  heights: null, planned: null, lens: null, viewClouds: [],
+  heights: null, measured: null, earlier: null, planned: null, lens: null, viewClouds: [],
 };
 
 /** Holds the content and draws it only when something has changed. */
@@ -44,6 +46,7 @@ export class Stage implements View3D {
     cloud: new Part(this.scene, drawCloud),
     strings: new Part(this.scene, drawStrings),
     others: new Part(this.scene, drawOthers),
+    earlier: new Part(this.scene, drawEarlier),
     crossings: new Part(this.scene, drawCrossings),
     grasps: new Part(this.scene, drawGrasps),
     viewClouds: new Part(this.scene, drawViewClouds),
@@ -53,6 +56,7 @@ export class Stage implements View3D {
     arm: new Part(this.scene, drawArm),
     geometry: new Part(this.scene, drawGeometry),
     mark: new Part(this.scene, drawMark),
+    measured: new Part(this.scene, drawMeasured),
   };
   private content = NOTHING;
   private points: Float32Array | null = null;
@@ -66,15 +70,15 @@ export class Stage implements View3D {
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    labels: HTMLElement,
+    private readonly overlay: HTMLElement,
     picked: (target: Target) => void,
   ) {
     this.renderer = openGraphics(canvas);
     this.palette = paletteOf(canvas, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.orbit = new Orbit(canvas, () => this.requestFrame());
     this.scene.add(this.orbit.camera, new AmbientLight(0xffffff, 2));
-    this.labels = new LabelLayer(labels);
-    this.scale = new Scale(labels);
+    this.labels = new LabelLayer(overlay);
+    this.scale = new Scale(overlay);
     const { signal } = this.ends;
     canvas.addEventListener("webglcontextlost", () => this.empty(), { signal });
     canvas.addEventListener("webglcontextrestored", () => this.update(), { signal });
@@ -139,6 +143,11 @@ export class Stage implements View3D {
     this.update();
   }
 
+  picture(): Promise<Blob> {
+    this.draw();
+    return pictureOf(this.canvas, this.overlay);
+  }
+
   dispose(): void {
     if (this.frameRequest !== null) cancelAnimationFrame(this.frameRequest);
     this.ends.abort();
@@ -163,6 +172,7 @@ export class Stage implements View3D {
     parts.cloud.update(this.points, palette);
     parts.strings.update(model, palette);
     parts.others.update(content.others);
+    parts.earlier.update(content.earlier);
     parts.crossings.update(model, palette);
     parts.grasps.update(content.grasps, this.marked?.kind === "grasp" ? this.marked.id : null, palette);
     parts.viewClouds.update(content.viewClouds, geometry);
@@ -172,9 +182,11 @@ export class Stage implements View3D {
     parts.arm.update(geometry, palette);
     parts.geometry.update(geometry, palette);
     parts.mark.update(this.marked, content, palette);
+    parts.measured.update(content.measured, palette);
     parts.others.visible = shown.has("strings");
     parts.viewClouds.visible = shown.has("cloud");
     parts.planned.visible = shown.has("cameras");
+    parts.earlier.visible = shown.has("strings");
     for (const layer of ["heights", "cloud", "strings", "crossings", "grasps", "cameras", "geometry"] as const) {
       parts[layer].visible = shown.has(layer);
     }
@@ -223,14 +235,14 @@ export class Stage implements View3D {
     PIXEL.value = 1 / pixelsAhead(screen);
     SHARPNESS.value = this.renderer.getPixelRatio();
     this.renderer.render(this.scene, this.orbit.camera);
-    this.labels.draw(this.scene, screen, covered(this.content.model?.chains ?? [], screen));
     this.scale.update(pixelsAhead(screen) / this.orbit.distance_m);
+    this.labels.draw(this.scene, screen, covered(this.content.model?.chains ?? [], screen), this.scale.area);
     this.canvas.dataset.frames = String(++this.frames);
   }
 
   private tapped(x: number, y: number, picked: (target: Target) => void): void {
     const labelled = this.shown.has("labels") ? this.labels.placeAt(x, y) : null;
-    const place = labelled ?? pick(this.content, this.shown, this.screen(), x, y);
+    const place = labelled ?? pick(this.content, this.points, this.shown, this.screen(), x, y);
     if (place) picked(place);
   }
 }

@@ -28,6 +28,8 @@ export interface View3D {
   zoom(factor: number): void;
   /** Rotate about the centre of the view: to the left, and up. */
   rotate(dx_rad: number, dy_rad: number): void;
+  /** Return the picture as it is now, with its labels, as a PNG. */
+  picture(): Promise<Blob>;
   scheme(scheme: Scheme): void;
   dispose(): void;
 }

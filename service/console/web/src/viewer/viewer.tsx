@@ -13,8 +13,11 @@ export interface Selection {
   turn: boolean;
 }
 
+/** Parts of the content that only some screens have. */
+type OptionalContent = "heights" | "grasps" | "measured" | "earlier" | "planned" | "lens" | "viewClouds";
+
 interface ViewerProps {
-  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, "heights" | "grasps" | "planned" | "lens" | "viewClouds">>;
+  content: Pick<Content, "model" | "cloud" | "views" | "others"> & Partial<Pick<Content, OptionalContent>>;
   /** It was not recorded at the table of this cell. */
   elsewhere?: boolean;
   /** Its grasps are for another gripper than the configured one. */
@@ -25,6 +28,8 @@ interface ViewerProps {
   onDemand?: { layer: Layer; set: (shown: boolean) => void } | null;
   selection?: Selection | null;
   picked?: (target: Target) => void;
+  /** Called with the 3D view once it is open. */
+  opened?: (view: View3D) => void;
   /** Image for browsers that cannot draw in 3D. */
   fallback?: string | null;
   /** Drawn over the scene. */
@@ -34,8 +39,7 @@ interface ViewerProps {
 /** Layers far from the strings: when one is shown, the view zooms out to contain it. */
 const FAR: readonly Layer[] = ["cameras", "arm"];
 const TURN = Math.PI / 18;
-/** Content that only some screens have. */
-const NONE = { heights: null, grasps: [], planned: null, lens: null, viewClouds: [] };
+const NONE: Pick<Content, OptionalContent> = { heights: null, grasps: [], measured: null, earlier: null, planned: null, lens: null, viewClouds: [] };
 
 /** The 3D view. Its code is loaded after the rest of the page. Nothing in it can move the robot. */
 export function Viewer(props: ViewerProps) {
@@ -71,6 +75,7 @@ export function Viewer(props: ViewerProps) {
       follow();
       dark.addEventListener("change", follow);
       setView(open);
+      props.opened?.(open);
     });
     return () => {
       gone = true;

@@ -1,5 +1,5 @@
-import type { Model } from "../net/api";
-import type { Grasp } from "../view3d/scene";
+import type { Model } from "../../net/api";
+import type { Grasp } from "../../view3d/scene";
 import type { Reach } from "./use_reach";
 
 /** Number of grasps that are listed and drawn: all of them would hide the strings. */

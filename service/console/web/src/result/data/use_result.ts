@@ -1,10 +1,10 @@
 import { useState } from "preact/hooks";
-import { api, resultOf, type Model, type Scan } from "../net/api";
-import { request } from "../net/request";
-import type { Failure } from "../ui/action";
-import { useQuery } from "../ui/use_query";
-import { hasModel } from "../texts/states";
-import type { ViewPose } from "../view3d/scene";
+import { api, resultOf, type Model, type Scan } from "../../net/api";
+import { request } from "../../net/request";
+import type { Failure } from "../../ui/action";
+import { useQuery } from "../../ui/use_query";
+import { hasModel } from "../../texts/states";
+import type { ViewPose } from "../../view3d/scene";
 import { completeGrasps } from "./earlier_grasps";
 import { fromSchema1, type Schema1Model } from "./schema_1";
 

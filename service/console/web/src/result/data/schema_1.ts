@@ -1,5 +1,5 @@
-import type { Finding, Model } from "../net/api";
-import type { Chain, Crossing } from "../view3d/scene";
+import type { Finding, Model } from "../../net/api";
+import type { Chain, Crossing } from "../../view3d/scene";
 import { completeGrasps, type EarlierGrasp } from "./earlier_grasps";
 
 /** The members of a type that have a name. */

@@ -1,4 +1,4 @@
-import type { Grasp } from "../view3d/scene";
+import type { Grasp } from "../../view3d/scene";
 
 /** Members that the grasps of an earlier release do not have, besides `id` and `cluster`. */
 const MISSING = {

@@ -1,13 +1,19 @@
 import { useState } from "preact/hooks";
-import { api, longCall, resultOf, type GraspReach, type Model } from "../net/api";
-import { type Action, type Failure, useAction } from "../ui/action";
-import { useQuery } from "../ui/use_query";
-import type { Grasp } from "../view3d/scene";
+import { api, longCall, resultOf, type GraspReach, type Model } from "../../net/api";
+import { type Action, type Failure, useAction } from "../../ui/action";
+import { useQuery } from "../../ui/use_query";
+import type { Grasp } from "../../view3d/scene";
+
+/** The joint angles of the pre-grasp and the grasp; null: the arm does not reach them. */
+interface JointAngles {
+  q_pregrasp_rad: readonly number[] | null;
+  q_grasp_rad: readonly number[] | null;
+}
 
 /** The answer about a grasp. */
 interface Answered {
   /** Null: not determined. */
-  reach: GraspReach | null;
+  reach: (GraspReach & JointAngles) | null;
   /** The flange poses. Where the reach was determined, the gripper may be turned by pi about its approach direction. */
   T_base_flange: Grasp["T_base_flange"];
 }

@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
-import { api, longCall, resultOf, type Scan } from "../net/api";
-import type { Failure } from "../ui/action";
-import { useQuery } from "../ui/use_query";
-import type { HeightMap } from "../view3d/scene";
+import { api, longCall, resultOf, type Scan } from "../../net/api";
+import type { Failure } from "../../ui/action";
+import { useQuery } from "../../ui/use_query";
+import type { HeightMap } from "../../view3d/scene";
 
 interface Heights {
   /** Null while it is hidden, or not loaded yet. */

@@ -1,0 +1,66 @@
+import type { Scan } from "../net/api";
+import { addressOf } from "../route";
+import { RadiusWarning } from "../scan/radius_warning";
+import { RecordingName } from "../scan/recording_name";
+import { latestOriginal } from "../state/scans";
+import { when } from "../texts/format";
+import { problemDetail } from "../texts/problem";
+import { hasModel, isActive, isElsewhere, outcome } from "../texts/states";
+import { rich } from "../texts/translate";
+import { strong } from "../ui/action";
+import { WhatToDo } from "../ui/manual";
+
+interface ScanNotesProps {
+  scan: Scan;
+  /** An earlier release of the service made the model. */
+  isEarlier: boolean;
+}
+
+/** What a person must know about the scan as a whole: whether it shows the table as it is now. */
+export function ScanNotes({ scan, isEarlier }: ScanNotesProps) {
+  return (
+    <>
+      {scan.problem && (
+        <p class="note bad">
+          {problemDetail(scan.problem)} <WhatToDo problem={scan.problem.type} />
+        </p>
+      )}
+      {isElsewhere(scan) && scan.recording !== null && (
+        <p class="note warn">{rich("result.recording", { name: <RecordingName id={scan.recording} />, strong })}</p>
+      )}
+      <NewerScanNote than={scan} />
+      {hasModel(scan) && <RadiusWarning scan={scan} />}
+      {isEarlier && <EarlierReleaseNote scan={scan} />}
+    </>
+  );
+}
+
+/** Says that an earlier release of the service made the result. */
+function EarlierReleaseNote({ scan }: { scan: Scan }) {
+  const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.id)}>{content}</a>;
+  return (
+    <p class="note warn">
+      {rich("result.earlier_release", { strong })}{" "}
+      {scan.links.reprocess !== null && rich("result.earlier_release_again", { link })}
+    </p>
+  );
+}
+
+/** Warns that there is a newer scan: the table may have changed since this one. */
+function NewerScanNote({ than }: { than: Scan }) {
+  const newest = latestOriginal.value;
+  if (newest === null || newest.id === than.id) return null;
+  if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
+  // A repeated recognition shows the table at the time of its source, no matter when it was made.
+  if (than.source === null && newest.created_at <= than.created_at) return null;
+  const address = hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan");
+  const link = (content: preact.ComponentChildren) => <a href={address}>{content}</a>;
+  const values = { when: when(newest.created_at), strong, link };
+  return (
+    <p class="note warn">
+      {isActive(newest.state)
+        ? rich("result.earlier_running", values)
+        : rich("result.earlier_ended", { ...values, outcome: outcome(newest).word })}
+    </p>
+  );
+}

@@ -1,0 +1,38 @@
+import type { Model, Scan } from "../../net/api";
+import { t } from "../../texts/translate";
+import { ResultFiles } from "../../ui/result_files";
+import type { View3D } from "../../view3d/view3d";
+import { centreLines } from "./centre_lines";
+import { save } from "./save";
+
+interface FilesProps {
+  scan: Scan;
+  model: Model;
+  /** The 3D view; null: it is not open, or the browser has none. */
+  view: View3D | null;
+}
+
+/** Saves the result as files: those of the service, and those that the page makes. */
+export function Files({ scan, model, view }: FilesProps) {
+  return (
+    <section aria-label={t("files.title")}>
+      <h2>{t("files.title")}</h2>
+      <div class="row">
+        <ResultFiles scan={scan} except={view === null ? [] : ["preview"]} />
+        {model.chains.length > 0 && (
+          <button
+            type="button"
+            onClick={() => save(`${scan.id}-centre-lines.csv`, new Blob([centreLines(model)], { type: "text/csv" }))}
+          >
+            {t("files.centre_lines")}
+          </button>
+        )}
+        {view !== null && (
+          <button type="button" onClick={async () => save(`${scan.id}.png`, await view.picture())}>
+            {t("files.view3d")}
+          </button>
+        )}
+      </div>
+    </section>
+  );
+}

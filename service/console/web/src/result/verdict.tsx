@@ -1,0 +1,38 @@
+import type { Model, Scan } from "../net/api";
+import { when } from "../texts/format";
+import { foundText, kindOf, resultOutcome, SHAPES } from "../texts/states";
+import { t } from "../texts/translate";
+import { SimulatedMark } from "../ui/simulated";
+
+/** The verdict on the whole result: whether a program may use it. */
+export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
+  const { verdict, findings } = model.quality;
+  const strings = model.chains.length;
+  const doubts = findings.filter(({ severity }) => severity !== "note").length;
+  const partial = scan.state === "partial";
+  const { word, tone } = resultOutcome({ verdict, strings, doubts, partial });
+  return (
+    <section class={`verdict ${tone}`} aria-label={t("result.verdict.region")}>
+      <p class={`badge ${tone}`}>
+        <span aria-hidden="true">{SHAPES[tone]}</span> {word}
+      </p>{" "}
+      <SimulatedMark scan={scan} />
+      <h1>{foundText(strings, model.crossings.length)}</h1>
+      <p class="meaning">
+        {meaningOf(model)} {partial && t("result.verdict.views_missing")}
+      </p>
+      <p class="small">
+        {t("scan.last.description", {
+          kind: kindOf(scan),
+          when: when(scan.created_at),
+          method: t(`method.${scan.method}.name`),
+        })}
+      </p>
+    </section>
+  );
+}
+
+function meaningOf({ chains, quality: { verdict } }: Model): string {
+  if (chains.length > 0 || verdict === "refuse") return t(`result.verdict.${verdict}`);
+  return verdict === "review" ? t("result.verdict.no_string_review") : "";
+}
