@@ -1,5 +1,6 @@
 // Writes generated/texts.d.ts: the keys of the English catalogue, with the placeholders and tags of each text.
-import { mkdir, readFile, writeFile } from "node:fs/promises";
+// Writes generated/languages.ts: the languages that have a catalogue.
+import { mkdir, readdir, readFile, writeFile } from "node:fs/promises";
 import { pathToFileURL } from "node:url";
 
 const PLURAL_FORMS = new Set(["zero", "one", "two", "few", "many", "other"]);
@@ -45,11 +46,15 @@ function declarationsOf(catalogue) {
   ].join("\n");
 }
 
-/** Write the declarations. */
+/** Write the declarations and the list of languages. */
 export async function generateTextTypes() {
   const catalogue = JSON.parse(await readFile("src/texts/en.json", "utf8"));
   await mkdir("generated", { recursive: true });
   await writeFile("generated/texts.d.ts", declarationsOf(catalogue));
+  const files = (await readdir("src/texts")).filter((name) => name.endsWith(".json"));
+  const languages = JSON.stringify(files.map((name) => name.replace(".json", "")).sort());
+  const note = "// Generated from the files src/texts/*.json by texts.mjs. Do not edit.";
+  await writeFile("generated/languages.ts", `${note}\nexport const LANGUAGES: readonly string[] = ${languages};\n`);
 }
 
 if (import.meta.url === pathToFileURL(process.argv[1]).href) await generateTextTypes();

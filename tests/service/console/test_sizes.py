@@ -56,7 +56,7 @@ def test_no_text_is_cut_or_covered_in_any_state(open_console: Open, cell: Cell, 
     progress = page.get_by_role("region", name="Scan in progress")
     expect(progress).to_be_visible()
     check_layout(page)
-    expect(progress).to_contain_text("2 of 8 views recorded")
+    expect(progress).to_contain_text(re.compile("[2-7] of 8 views recorded"))
     check_layout(page)
     last = page.get_by_role("region", name="The last scan")
     expect(last.get_by_role("link", name="Look at the result")).to_be_visible()

@@ -6,6 +6,7 @@ import { LoadedScreen } from "./screens";
 import { caller, signOut } from "./state/session";
 import { findText, t } from "./texts/translate";
 import { useAction } from "./ui/action";
+import { LanguageChoice } from "./ui/language_choice";
 import { ManualLink, SECTIONS } from "./ui/manual";
 import { narrow } from "./ui/narrow";
 
@@ -45,13 +46,20 @@ function CallerInfo() {
   const action = useAction();
   const { value } = caller;
   if (!value) return null;
-  if (value.local) return <p class="who">{t("app.local")}</p>;
+  if (value.local) {
+    return (
+      <p class="who">
+        {t("app.local")} <LanguageChoice />
+      </p>
+    );
+  }
   return (
     <p class="who">
       {t("app.signed_in", { name: value.name, role: findText(`app.role.${value.role}`) ?? value.role })}{" "}
       <button type="button" class="plain" disabled={action.busy} onClick={() => void action.run(signOut)}>
         {t("app.sign_out")}
-      </button>
+      </button>{" "}
+      <LanguageChoice />
     </p>
   );
 }

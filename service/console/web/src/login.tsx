@@ -4,6 +4,7 @@ import { caller, isToken, signIn } from "./state/session";
 import { refreshNow } from "./state/updates";
 import { rich, t } from "./texts/translate";
 import { Failed, useAction } from "./ui/action";
+import { LanguageChoice } from "./ui/language_choice";
 import { ManualLink, SECTIONS } from "./ui/manual";
 
 const CODE_COMMAND = "pointchain token code NAME";
@@ -62,6 +63,7 @@ export function Login() {
           {t("login.help")}
         </ManualLink>
       </p>
+      <LanguageChoice />
     </main>
   );
 }

@@ -10,11 +10,11 @@ import "./calibration/calibration.css";
 import { App, screenKeys } from "./app";
 import { Status } from "./bar/status";
 import { atWork, cell } from "./state/cell";
+import { applyLanguage, InLanguage } from "./state/language";
 import { requesting, running } from "./state/scans";
 import { caller } from "./state/session";
 import { startUpdates } from "./state/updates";
 import { clearStopMessage } from "./stop";
-import { chooseLanguage } from "./texts/translate";
 
 function show(part: preact.ComponentChild, id: string): void {
   const element = document.getElementById(id);
@@ -23,9 +23,19 @@ function show(part: preact.ComponentChild, id: string): void {
   render(part, element);
 }
 
-await chooseLanguage(navigator.languages);
-show(<Status />, "status");
-show(<App />, "app");
+await applyLanguage();
+show(
+  <InLanguage>
+    <Status />
+  </InLanguage>,
+  "status",
+);
+show(
+  <InLanguage>
+    <App />
+  </InLanguage>,
+  "app",
+);
 addEventListener("keydown", screenKeys);
 // The outcome of the last stop is outdated when the arm works again or is connected, a fault is
 // acknowledged, or a person signs in.

@@ -9,6 +9,7 @@ import { sentence } from "../texts/sentence";
 import { findText, t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { WhatToDo } from "../ui/manual";
+import { Original } from "../ui/original";
 
 /** Return what to check before a fault is acknowledged: the texts 1, 2, ... of its problem. */
 function checksOf(slug: string): string[] {
@@ -24,11 +25,14 @@ function checksOf(slug: string): string[] {
 export function Fault() {
   if (cell.value?.state !== "fault") return null;
   const slug = problemSlug.value;
+  const reason = cell.value.reason ?? t("fault.title");
+  const title = sentence(problemTitle(slug, reason));
   const specific = checksOf(slug ?? "");
   const checks = specific.length > 0 ? specific : checksOf("motion-failed");
   return (
     <section class="panel fault" aria-label={t("fault.region")}>
-      <h2>{sentence(problemTitle(slug, cell.value.reason ?? t("fault.title")))}</h2>
+      <h2>{title}</h2>
+      <Original shown={title} text={sentence(reason)} />
       <p>{t("fault.intro")}</p>
       <ol>
         {checks.map((check) => (

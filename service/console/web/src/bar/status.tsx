@@ -14,6 +14,7 @@ import { sentence } from "../texts/sentence";
 import { CELL_TONES, scanWord, SHAPES, type Tone, verdictWord } from "../texts/states";
 import { findText, t } from "../texts/translate";
 import { WhatToDo } from "../ui/manual";
+import { Original } from "../ui/original";
 import { SimulatedCell } from "../ui/simulated";
 
 /** A state: word, shape and colour. */
@@ -91,7 +92,8 @@ function State() {
     <div class={calm ? "state calm" : "state"} role="status">
       <Badge tone={CELL_TONES[now.state]}>{state}</Badge>
       <p>
-        {stopped ? sentence(withoutAdvice(now.reason ?? "")) : reasonText(now)}{" "}
+        {stopped ? sentence(problemTitle("stopped", withoutAdvice(now.reason ?? ""))) : reasonText(now)}{" "}
+        {!calm && <Original shown={reasonText(now)} text={sentence(now.reason ?? "")} />}{" "}
         {now.state === "not_ready" && !stopped && <WhatToDo problem={now.problem} />}
       </p>
     </div>

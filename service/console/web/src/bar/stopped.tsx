@@ -2,19 +2,24 @@ import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
 import { requesting, running } from "../state/scans";
 import { canOperate } from "../state/session";
+import { problemTitle } from "../texts/problem";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
 import { withoutAdvice } from "./status";
 import { WhatToDo } from "../ui/manual";
+import { Original } from "../ui/original";
 
 /** After a stop, on every screen: what holds now, and what to do next. It is open on the screen that scans. */
 export function Stopped({ open }: { open: boolean }) {
   if (problemSlug.value !== "stopped" || cell.value?.state !== "not_ready") return null;
   if (lost.value || requesting.value || running.value !== null) return null;
+  const reason = withoutAdvice(cell.value.reason ?? t("stopped.region"));
+  const title = sentence(problemTitle(problemSlug.value, reason));
   return (
     <section class="panel stopped" aria-label={t("stopped.region")}>
       <details key={String(open)} open={open}>
-        <summary>{sentence(withoutAdvice(cell.value.reason ?? t("stopped.region")))}</summary>
+        <summary>{title}</summary>
+        <Original shown={title} text={sentence(reason)} />
         <p>{t("stopped.holds")}</p>
         <ol>
           <li>{t("stopped.find_out")}</li>

@@ -1,4 +1,5 @@
 import type { Run } from "../net/api";
+import { decimal } from "../texts/format";
 import { sentence } from "../texts/sentence";
 import { rich, t } from "../texts/translate";
 import { Hint } from "../ui/hint";
@@ -56,6 +57,6 @@ function stateText(view: View): string {
   if (view.corners === null) return t("calibration.views.searching");
   const counts = { found: view.corners, possible: view.board_corners ?? view.corners };
   if (view.rms_px === null) return t("calibration.views.corners", counts);
-  const residual = t("units.pixels", { value: view.rms_px.toFixed(2) });
+  const residual = t("units.pixels", { value: decimal(view.rms_px, 2) });
   return t("calibration.views.corners_residual", { ...counts, residual });
 }

@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import { api, longCall, resultOf, type Run } from "../net/api";
 import { calibration, cell } from "../state/cell";
 import { refreshNow } from "../state/updates";
-import { rich, t } from "../texts/translate";
+import { rich, shown, t } from "../texts/translate";
 import { Act, Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
 import { Hint } from "../ui/hint";
@@ -102,7 +102,7 @@ export function StartRun({ started }: { started: (run: Run) => void }) {
               label={t(`calibration.start.${name}`)}
               number={numberOf(name)}
               write={(text) => setEntered({ ...entered, [name]: text })}
-              empty={String(NUMBERS[name][0])}
+              empty={shown(NUMBERS[name][0])}
             />
           ))}
         </div>

@@ -1,8 +1,9 @@
 import type { ComponentChildren } from "preact";
 import type { Finding, Model } from "../net/api";
-import { distinctFindings, FINDING_TONES } from "../texts/findings";
+import { distinctFindings, FINDING_TONES, findingText } from "../texts/findings";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
+import { Original } from "../ui/original";
 import type { Target, ViewPose } from "../view3d/scene";
 import { findingTarget } from "./finding_target";
 
@@ -81,11 +82,18 @@ interface ItemProps {
 }
 
 /** A finding: a button if it has a position. */
-function Item({ finding: { severity, message }, target, show }: ItemProps) {
-  if (target === null) return <p class={`note ${FINDING_TONES[severity]}`}>{sentence(message)}</p>;
+function Item({ finding, target, show }: ItemProps) {
+  const { severity, message } = finding;
+  const text = findingText(finding);
+  const content = (
+    <>
+      {text} <Original shown={text} text={sentence(message)} />
+    </>
+  );
+  if (target === null) return <p class={`note ${FINDING_TONES[severity]}`}>{content}</p>;
   return (
     <button type="button" class={severity === "note" ? "" : severity} onClick={() => show(target)}>
-      {sentence(message)}
+      {content}
     </button>
   );
 }

@@ -1,5 +1,5 @@
 import { geometry } from "../state/geometry";
-import { t } from "../texts/translate";
+import { shown, t } from "../texts/translate";
 import { NumberField } from "../ui/number_field";
 import { parseNumber, type ParsedNumber } from "../ui/parse_number";
 
@@ -16,7 +16,7 @@ export function radiusMetres({ value }: ParsedNumber): number | null {
 
 /** Return a radius as a person would enter it. */
 export function radiusText(radius_m: number | null): string {
-  return radius_m === null ? "" : String(millimetres(radius_m));
+  return radius_m === null ? "" : shown(millimetres(radius_m));
 }
 
 function millimetres(metres: number): number {

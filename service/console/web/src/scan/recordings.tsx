@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import { api, resultOf, type Recording } from "../net/api";
 import { request } from "../net/request";
 import { changes } from "../state/scans";
-import { when } from "../texts/format";
+import { decimal, when } from "../texts/format";
 import { t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
@@ -79,7 +79,7 @@ function optionText({ name, created_at, views, size_bytes }: Recording): string 
   const option = t("scan.recordings.option", {
     when: when(created_at, "medium"),
     views: t("units.views", { count: views }),
-    size: t("units.megabytes", { value: (size_bytes / 1e6).toFixed(1) }),
+    size: t("units.megabytes", { value: decimal(size_bytes / 1e6, 1) }),
   });
   return name === null ? option : t("scan.recordings.named_option", { name, option });
 }

@@ -1,24 +1,47 @@
-import { t } from "./translate";
+import { languageTag, t } from "./translate";
+
+const NUMBERS = new Map<string, Intl.NumberFormat>();
+
+/** Return a number with this many decimals, and the decimal sign of the language of the texts. */
+export function decimal(value: number, digits: number): string {
+  const tag = languageTag();
+  const key = `${tag}/${digits}`;
+  let format = NUMBERS.get(key);
+  if (format === undefined) {
+    const fixed = { minimumFractionDigits: digits, maximumFractionDigits: digits };
+    format = new Intl.NumberFormat(tag, { useGrouping: false, ...fixed });
+    NUMBERS.set(key, format);
+  }
+  return format.format(value);
+}
+
+/** Return the locale of dates: the language of the texts, with the region of the browser. */
+function dateLocale(): string {
+  const tag = languageTag();
+  const sameLanguage = navigator.languages.find((one) => one.replace(/-.*/, "") === tag);
+  const region = navigator.languages.map((one) => new Intl.Locale(one).region).find((one) => one !== undefined);
+  return sameLanguage ?? (region === undefined ? tag : `${tag}-${region}`);
+}
 
 /** Return metres in millimetres, for people. */
 export function mm(metres: number, digits = 1): string {
-  return t("units.mm", { value: (metres * 1000).toFixed(digits) });
+  return t("units.mm", { value: decimal(metres * 1000, digits) });
 }
 
 /** Return radians in degrees, for people. */
 export function degrees(radians: number, digits = 0): string {
-  return t("units.degrees", { value: ((radians * 180) / Math.PI).toFixed(digits) });
+  return t("units.degrees", { value: decimal((radians * 180) / Math.PI, digits) });
 }
 
 /** Return the coordinates of a point of the base frame, for people. */
 export function pointText(point: readonly number[]): string {
-  const [x = "", y = "", z = ""] = point.map((metres) => (metres * 1000).toFixed(1));
+  const [x = "", y = "", z = ""] = point.map((metres) => decimal(metres * 1000, 1));
   return t("units.point", { x, y, z });
 }
 
 /** Return a share of one in percent, for people. */
 export function percent(share: number, digits = 0): string {
-  return t("units.percent", { value: digits === 0 ? Math.round(share * 100) : (share * 100).toFixed(digits) });
+  return t("units.percent", { value: decimal(share * 100, digits) });
 }
 
 /** Return a standard deviation, for people. */
@@ -28,12 +51,12 @@ export function plusMinus(metres: number): string {
 
 /** Return the time of day. */
 export function clock(moment: Date): string {
-  return moment.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+  return moment.toLocaleTimeString(dateLocale(), { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
 /** Return date and time of day; `medium` includes the seconds. */
 export function when(rfc3339: string, timeStyle: "short" | "medium" = "short"): string {
-  return new Date(rfc3339).toLocaleString(undefined, { dateStyle: "medium", timeStyle });
+  return new Date(rfc3339).toLocaleString(dateLocale(), { dateStyle: "medium", timeStyle });
 }
 
 const UNITS = [

@@ -21,6 +21,16 @@ export function problemTitle(slug: string | null, fallback: string): string {
 export function problemDetail(problem: Problem): string {
   const slug = slugOf(problem);
   const advice = findText(`problem.${slug}.advice`);
-  const detail = fillText(`problem.${slug}.detail`, problem.parameters ?? {}) ?? sentence(problem.detail);
+  const detail = fillText(`problem.${slug}.detail`, readable(problem.parameters ?? {})) ?? sentence(problem.detail);
   return advice === undefined ? detail : `${advice} ${detail}`;
+}
+
+/** Return parameters with the names of roles and states as a person reads them. */
+function readable(parameters: NonNullable<Problem["parameters"]>): Record<string, string | number> {
+  return Object.fromEntries(
+    Object.entries(parameters).map(([name, value]) => [
+      name,
+      findText(`app.role_name.${value}`) ?? findText(`scan_state.${value}`) ?? value,
+    ]),
+  );
 }

@@ -4,5 +4,6 @@ const FILE_FIRST = /^\S+\.\w/;
 export function sentence(text: string): string {
   const first = FILE_FIRST.test(text) ? text.charAt(0) : text.charAt(0).toUpperCase();
   const begun = first + text.slice(1).replaceAll("`", "");
-  return /[.!?]$/.test(begun) ? begun : `${begun}.`;
+  if (/[.!?。]$/.test(begun)) return begun;
+  return /[\u3040-\u9fff]$/.test(begun) ? `${begun}。` : `${begun}.`;
 }

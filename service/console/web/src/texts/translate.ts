@@ -14,6 +14,7 @@ interface Language {
   tag: string;
   catalogue: Catalogue;
   plural: Intl.PluralRules;
+  number: Intl.NumberFormat;
 }
 
 type Value = string | number;
@@ -34,19 +35,24 @@ const TAG = /^<(\w+)>(.*)<\/\1>$/;
 let languages: readonly Language[] = [ENGLISH];
 
 function languageOf(tag: string, catalogue: Catalogue): Language {
-  return { tag, catalogue, plural: new Intl.PluralRules(tag) };
+  const number = new Intl.NumberFormat(tag, { useGrouping: false, maximumFractionDigits: 20 });
+  return { tag, catalogue, plural: new Intl.PluralRules(tag), number };
+}
+
+function chosen(): Language {
+  return languages[0] ?? ENGLISH;
 }
 
 /** Return the language of the texts, a BCP 47 tag. */
 export function languageTag(): string {
-  return languages[0]?.tag ?? ENGLISH.tag;
+  return chosen().tag;
 }
 
 /** Load the first of the preferred languages that has a catalogue. Name it in the page, and fill in the static texts. */
 export async function chooseLanguage(preferred: readonly string[]): Promise<void> {
-  const chosen = await firstLanguage(preferred);
-  languages = chosen.tag === ENGLISH.tag ? [ENGLISH] : [chosen, ENGLISH];
-  document.documentElement.lang = chosen.tag;
+  const language = await firstLanguage(preferred);
+  languages = language.tag === ENGLISH.tag ? [ENGLISH] : [language, ENGLISH];
+  document.documentElement.lang = language.tag;
   for (const element of document.querySelectorAll<HTMLElement>("[data-text], [data-title]")) {
     const { text, title } = element.dataset;
     if (text !== undefined) element.textContent = findText(text) ?? element.textContent;
@@ -96,7 +102,12 @@ export function t<K extends PlainKey>(key: K, ...[values]: Arguments<K>): string
 
 /** Return a text with its placeholders replaced. A placeholder without a value stays. */
 function filled(text: string, values: Readonly<Record<string, Value>>): string {
-  return text.replace(PLACEHOLDER, (whole, name: string) => String(values[name] ?? whole));
+  return text.replace(PLACEHOLDER, (whole, name: string) => shown(values[name] ?? whole));
+}
+
+/** Return a value as a person reads it: a number has the decimal sign of the language. */
+export function shown(value: Value): string {
+  return typeof value === "number" ? chosen().number.format(value) : value;
 }
 
 /** Return a text as elements: a placeholder may be an element, and a function draws the content of each tag. */
@@ -114,6 +125,8 @@ function fill(text: string, values: Record<string, ComponentChildren | Wrap>): C
     const [, tag = "", content = ""] = TAG.exec(part) ?? [];
     const wrap = values[tag];
     if (typeof wrap === "function") return (wrap as Wrap)(fill(content, values));
-    return part.startsWith("{") ? (values[part.slice(1, -1)] as ComponentChildren) : part;
+    if (!part.startsWith("{")) return part;
+    const value = values[part.slice(1, -1)] as ComponentChildren;
+    return typeof value === "number" ? shown(value) : value;
   });
 }

@@ -1,6 +1,5 @@
 import type { Finding, Scan } from "../net/api";
-import { distinctFindings, FINDING_TONES } from "../texts/findings";
-import { sentence } from "../texts/sentence";
+import { distinctFindings, FINDING_TONES, findingText, originalOf } from "../texts/findings";
 import { SHAPES } from "../texts/states";
 import { t } from "../texts/translate";
 
@@ -30,9 +29,9 @@ export function Doubts({ summary }: { summary: Scan["summary"] }) {
 function DoubtList({ doubts }: { doubts: readonly Finding[] }) {
   return (
     <>
-      {doubts.map(({ severity, message }) => (
-        <p key={message} class={`note ${FINDING_TONES[severity]}`}>
-          <span aria-hidden="true">{SHAPES[FINDING_TONES[severity]]}</span> {sentence(message)}
+      {doubts.map((finding) => (
+        <p key={finding.message} class={`note ${FINDING_TONES[finding.severity]}`} title={originalOf(finding)}>
+          <span aria-hidden="true">{SHAPES[FINDING_TONES[finding.severity]]}</span> {findingText(finding)}
         </p>
       ))}
     </>
