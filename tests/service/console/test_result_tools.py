@@ -64,12 +64,21 @@ def test_all_files_of_a_result_are_saved(open_console: Open, crossed: ServedClie
     page.get_by_label("Labels", exact=True).uncheck()
     _, without_labels = download(page, save_picture)
     assert difference(with_labels, shown) < 0.3 * difference(without_labels, shown)
+    picture = Image.open(io.BytesIO(with_labels)).convert("RGB")
+    caption = picture.crop((0, Image.open(io.BytesIO(shown)).height, picture.width, picture.height))
+    colours = {colour for _, colour in caption.getcolors(caption.width * caption.height) or []}
+    assert (255, 212, 0) in colours  # the mark of a simulated cell
 
 
 def difference(saved: bytes, shown: bytes) -> float:
-    """Return the share of a picture that differs, in steps of 8 pixels: texts may be a pixel apart."""
+    """Return the share of a picture that differs, in steps of 8 pixels: texts may be a pixel apart.
+
+    The saved picture has a caption below.
+    """
     size = (80, 40)
-    images = [Image.open(io.BytesIO(one)).convert("L").resize(size, Image.Resampling.BOX) for one in (saved, shown)]
+    area = Image.open(io.BytesIO(shown)).size
+    both = [Image.open(io.BytesIO(one)).crop((0, 0, *area)).convert("L") for one in (saved, shown)]
+    images = [one.resize(size, Image.Resampling.BOX) for one in both]
     first, second = (np.asarray(one, dtype=np.int16) for one in images)
     return float(np.mean(np.abs(first - second) > 20))
 
@@ -182,15 +191,20 @@ def pick(page: Page, name: str) -> NDArray[np.float64]:
 
 
 def copied(page: Page, region: str) -> dict[str, Any]:
-    """Press the button that copies in a region, and return what a person can then paste."""
+    """Copy the JSON of a region, and return what a person can then paste."""
+    return json.loads(pasted_after(page, region, "Copy as JSON"))
+
+
+def pasted_after(page: Page, region: str, button: str) -> str:
+    """Press the button of a region that copies, and return what a person can then paste."""
     part = page.get_by_role("region", name=region)
-    part.get_by_role("button", name="Copy as JSON").click()
+    part.get_by_role("button", name=button).click()
     expect(part.get_by_role("status")).to_have_text("✓ Copied")
     page.evaluate("() => document.body.append(Object.assign(document.createElement('textarea'), {id: 'paste'}))")
     page.locator("#paste").press("ControlOrMeta+v")
     pasted = page.locator("#paste").input_value()
     page.evaluate("() => document.querySelector('#paste').remove()")
-    return json.loads(pasted)
+    return pasted
 
 
 @pytest.mark.parametrize("clipboard", [True, False])
@@ -224,6 +238,8 @@ def test_a_position_and_a_grasp_are_copied(open_console: Open, crossed: ServedCl
         "point_m": chain["points"][last],
         "sigma_m": chain["sigma_m"][last],
     }
+    in_mm = ", ".join(f"{1000 * value:.1f}" for value in chain["points"][last])
+    assert pasted_after(page, "Selected point", "Copy position (mm)") == in_mm
     page.get_by_role("button", name="lies over").click()
     position = copied(page, "Selected point")
     assert position | base == position

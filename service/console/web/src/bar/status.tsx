@@ -164,7 +164,9 @@ function Robot() {
   const { robot_mode, safety_mode } = robot;
   if (robot_mode === null || safety_mode === null) {
     if (cell.value?.state === "fault" && robot.age_s !== null) {
-      return <Fact name={name} tone="warn">{t("state.robot.no_answer", { time: span(robot.age_s) })}</Fact>;
+      // After other faults the robot answers, but it is not read any more.
+      const key = problemSlug.value === "robot-lost" ? "state.robot.no_answer" : "state.robot.last_read";
+      return <Fact name={name} tone="warn">{t(key, { time: span(robot.age_s) })}</Fact>;
     }
     return <Fact name={name} tone="none">{t("state.robot.not_connected", { model: robot.model })}</Fact>;
   }

@@ -6,7 +6,8 @@ import { SimulatedMark } from "../ui/simulated";
 
 /** The verdict on the whole result: whether a program may use it. */
 export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
-  const { verdict, findings } = model.quality;
+  const { verdict, findings, views } = model.quality;
+  const used = views.filter((view) => view.used).length;
   const strings = model.chains.length;
   const doubts = findings.filter(({ severity }) => severity !== "note").length;
   const partial = scan.state === "partial";
@@ -19,7 +20,8 @@ export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
       <SimulatedMark scan={scan} />
       <h1>{foundText(strings, model.crossings.length)}</h1>
       <p class="meaning">
-        {meaningOf(model)} {partial && t("result.verdict.views_missing")}
+        {meaningOf(model)} {used > 0 && t("result.verdict.views", { count: used })}{" "}
+        {partial && t("result.verdict.views_missing")}
       </p>
       <p class="small">
         {t("scan.last.description", {

@@ -50,6 +50,7 @@ export function pointsToFrame(
   cloud: Float32Array | null,
   shown: ReadonlySet<Layer>,
   marked: Target | null,
+  withArm: boolean,
 ): Vector3[] {
   const { model, earlier, grasps, gripper, geometry, q_rad, views, planned } = content;
   const chains = [...(model?.chains ?? []), ...(earlier?.chains ?? [])];
@@ -59,8 +60,7 @@ export function pointsToFrame(
   const grasp = marked?.kind === "grasp" ? grasps.find(({ id }) => id === marked.id) : undefined;
   if (grasp) points.push(...pointsOfMotion(grasp, gripper));
   if (shown.has("cameras")) points.push(...[...views, ...(planned?.path ?? [])].map(eyeOf));
-  // The arm comes and goes between planned viewpoints; what it does there is in sight.
-  if (!grasp && planned === null && shown.has("arm") && geometry !== null && q_rad !== null) {
+  if (!grasp && withArm && shown.has("arm") && geometry !== null && q_rad !== null) {
     points.push(...capsuleEnds(geometry.arm, q_rad).flatMap(([, ends]) => ends));
   }
   return points;

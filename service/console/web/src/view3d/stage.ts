@@ -15,7 +15,7 @@ import { drawMeasured } from "./measured";
 import { paletteOf, type Scheme } from "./palette";
 import { Part } from "./part";
 import { pick } from "./pick";
-import { pictureOf } from "./picture";
+import { type Caption, pictureOf } from "./picture";
 import { PIXEL, SHARPNESS } from "./pixel";
 import { readCloud } from "./ply";
 import { drawGeometry } from "./geometry";
@@ -26,6 +26,9 @@ import { drawStrings } from "./strings";
 import { onTap } from "./tap";
 import { drawViewClouds } from "./view_clouds";
 import type { View3D } from "./view3d";
+
+/** Pause between frames of a moving arm without a graphics card. */
+const SLOW_ARM_MS = 1000;
 
 const NOTHING: Content = {
   model: null, grasps: [], cloud: null, views: [], geometry: null, gripper: null, q_rad: null, others: [],
@@ -65,6 +68,8 @@ export class Stage implements View3D {
   private palette;
   private frames = 0;
   private frameRequest: number | null = null;
+  private armFrame: ReturnType<typeof setTimeout> | null = null;
+  private readonly armPause_ms: number;
   /** Whether the next frame shows the whole content, because it is new. */
   private needsFit = true;
 
@@ -73,7 +78,9 @@ export class Stage implements View3D {
     private readonly overlay: HTMLElement,
     picked: (target: Target) => void,
   ) {
-    this.renderer = openGraphics(canvas);
+    const graphics = openGraphics(canvas);
+    this.renderer = graphics.renderer;
+    this.armPause_ms = graphics.isSlow ? SLOW_ARM_MS : 0;
     this.palette = paletteOf(canvas, matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     this.orbit = new Orbit(canvas, () => this.requestFrame());
     this.scene.add(this.orbit.camera, new AmbientLight(0xffffff, 2));
@@ -108,7 +115,7 @@ export class Stage implements View3D {
     this.content = { ...this.content, q_rad };
     this.canvas.dataset.joints = q_rad === null ? "" : q_rad.join(" ");
     this.poseArm();
-    if (this.shown.has("arm")) this.requestFrame();
+    if (this.shown.has("arm")) this.requestArmFrame();
   }
 
   mark(target: Target | null): void {
@@ -126,7 +133,7 @@ export class Stage implements View3D {
   }
 
   viewFrom(from: "fit" | "top" | "side"): void {
-    this.needsFit = !this.orbit.fit(this.outline(), DIRECTIONS[from]);
+    this.needsFit = !this.orbit.fit(this.outline(true), DIRECTIONS[from]);
     this.requestFrame();
   }
 
@@ -143,13 +150,14 @@ export class Stage implements View3D {
     this.update();
   }
 
-  picture(): Promise<Blob> {
+  picture(caption: Caption): Promise<Blob> {
     this.draw();
-    return pictureOf(this.canvas, this.overlay);
+    return pictureOf(this.canvas, this.overlay, caption);
   }
 
   dispose(): void {
     if (this.frameRequest !== null) cancelAnimationFrame(this.frameRequest);
+    if (this.armFrame !== null) clearTimeout(this.armFrame);
     this.ends.abort();
     this.resized.disconnect();
     this.orbit.dispose();
@@ -195,8 +203,8 @@ export class Stage implements View3D {
     this.requestFrame();
   }
 
-  private outline(): Vector3[] {
-    return pointsToFrame(this.content, this.points, this.shown, this.marked);
+  private outline(withArm: boolean): Vector3[] {
+    return pointsToFrame(this.content, this.points, this.shown, this.marked, withArm);
   }
 
   private screen(): Screen {
@@ -225,10 +233,20 @@ export class Stage implements View3D {
     this.frameRequest ??= requestAnimationFrame(() => this.draw());
   }
 
+  /** Request a frame for a moving arm. Without a graphics card, drawing each posture would take the whole processor. */
+  private requestArmFrame(): void {
+    this.armFrame ??= setTimeout(() => {
+      this.armFrame = null;
+      this.requestFrame();
+    }, this.armPause_ms);
+  }
+
   private draw(): void {
     const screen = this.screen();
     const can = screen.height > 0 && !this.renderer.getContext().isContextLost();
-    if (this.needsFit && can) this.needsFit = !this.orbit.fit(this.outline(), DIRECTIONS.fit);
+    // Between planned viewpoints the arm comes and goes; what it does there is in sight.
+    const withArm = this.content.planned === null;
+    if (this.needsFit && can) this.needsFit = !this.orbit.fit(this.outline(withArm), DIRECTIONS.fit);
     if (this.frameRequest !== null) cancelAnimationFrame(this.frameRequest);
     this.frameRequest = null;
     if (!can) return;

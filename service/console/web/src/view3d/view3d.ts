@@ -1,4 +1,5 @@
 import type { Scheme } from "./palette";
+import type { Caption } from "./picture";
 import type { Content, Layer, Target } from "./scene";
 import { Stage } from "./stage";
 
@@ -28,8 +29,8 @@ export interface View3D {
   zoom(factor: number): void;
   /** Rotate about the centre of the view: to the left, and up. */
   rotate(dx_rad: number, dy_rad: number): void;
-  /** Return the picture as it is now, with its labels, as a PNG. */
-  picture(): Promise<Blob>;
+  /** Return the picture as it is now, with its labels and a caption, as a PNG. */
+  picture(caption: Caption): Promise<Blob>;
   scheme(scheme: Scheme): void;
   dispose(): void;
 }

@@ -1,27 +1,43 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { t } from "../../texts/translate";
 
-/** Copies a value as JSON: lengths in metres, angles in radians. */
-export function Copy({ value }: { value: object }) {
-  const [state, setState] = useState<"copied" | "by_hand" | null>(null);
+interface CopyProps {
+  /** Copied as JSON: lengths in metres, angles in radians. */
+  value: object;
+  /** A position that can also be copied by itself, as people enter it at the pendant; metres, base frame. */
+  point?: readonly number[];
+}
+
+/** Copies a value. */
+export function Copy({ value, point }: CopyProps) {
+  const [tried, setTried] = useState<{ text: string; done: boolean } | null>(null);
   const field = useRef<HTMLTextAreaElement>(null);
   const text = JSON.stringify(value, null, 1);
-  useEffect(() => setState(null), [text]);
+  useEffect(() => setTried(null), [text]);
   useEffect(() => {
-    if (state === "by_hand") field.current?.select();
-  }, [state]);
+    if (tried?.done === false) field.current?.select();
+  }, [tried]);
+  const copy = async (wanted: string) => {
+    setTried(null);
+    setTried({ text: wanted, done: await copied(wanted) });
+  };
   return (
     <>
-      <button type="button" onClick={async () => setState((await copied(text)) ? "copied" : "by_hand")}>
+      <button type="button" onClick={() => copy(text)}>
         {t("result.copy.button")}
       </button>
+      {point !== undefined && (
+        <button type="button" onClick={() => copy(point.map((metres) => (metres * 1000).toFixed(1)).join(", "))}>
+          {t("result.copy.position")}
+        </button>
+      )}
       <span role="status" class="good copied">
-        {state === "copied" && t("result.copy.copied")}
+        {tried?.done === true && t("result.copy.copied")}
       </span>
-      {state === "by_hand" && (
+      {tried?.done === false && (
         <label class="by-hand">
           {t("result.copy.by_hand")}
-          <textarea ref={field} readOnly rows={5} value={text} onFocus={(event) => event.currentTarget.select()} />
+          <textarea ref={field} readOnly rows={5} value={tried.text} onFocus={(event) => event.currentTarget.select()} />
         </label>
       )}
     </>

@@ -1,7 +1,10 @@
 import type { Model, Scan } from "../../net/api";
+import { when } from "../../texts/format";
+import { kindOf, outcome } from "../../texts/states";
 import { t } from "../../texts/translate";
 import { ResultFiles } from "../../ui/result_files";
 import type { View3D } from "../../view3d/view3d";
+import type { Caption } from "../../view3d/picture";
 import { centreLines } from "./centre_lines";
 import { save } from "./save";
 
@@ -28,11 +31,17 @@ export function Files({ scan, model, view }: FilesProps) {
           </button>
         )}
         {view !== null && (
-          <button type="button" onClick={async () => save(`${scan.id}.png`, await view.picture())}>
+          <button type="button" onClick={async () => save(`${scan.id}.png`, await view.picture(captionOf(scan)))}>
             {t("files.view3d")}
           </button>
         )}
       </div>
     </section>
   );
+}
+
+/** Return what a saved picture shows. */
+function captionOf(scan: Scan): Caption {
+  const named = t("common.kind_and_time", { kind: kindOf(scan), when: when(scan.created_at) });
+  return { mark: scan.simulated === true ? t("simulated.both") : null, lines: [`${outcome(scan).word}, ${named}`, scan.id] };
 }

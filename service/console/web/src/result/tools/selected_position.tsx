@@ -73,7 +73,7 @@ export function SelectedPosition({ scan, model, target, select, measureFrom }: S
         <button type="button" onClick={() => measureFrom(position)}>
           {t("result.measure.start")}
         </button>
-        <Copy value={copyOf(scan, target, position, model)} />
+        <Copy value={copyOf(scan, target, position, model)} point={position.point} />
         <button type="button" onClick={() => select(null)}>
           {t("result.point.deselect")}
         </button>
