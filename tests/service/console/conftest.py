@@ -95,11 +95,17 @@ class Opened:
 
 
 Open = Callable[..., Opened]
+WITHOUT_WEBGL = """
+const getContext = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+    return kind === "webgl2" ? null : getContext.call(this, kind, ...rest);
+};
+"""
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
 
 @pytest.fixture
-def open_console(chromium: Browser) -> Iterator[Open]:
+def open_console(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Open]:
     """Function that opens the page in a new browser context, such as `open_console(client, "#/scan", width=768)`."""
     opened: list[Opened] = []
 
@@ -118,6 +124,8 @@ def open_console(chromium: Browser) -> Iterator[Open]:
         if token is not None:
             answer = context.request.post(f"{origin}/api/session", data={"token": token})
             assert answer.ok, answer.text()
+        if request.node.get_closest_marker("without_3d") is not None:
+            context.add_init_script(WITHOUT_WEBGL)
         one = Opened(context.new_page(), origin)
         opened.append(one)
 
@@ -125,8 +133,8 @@ def open_console(chromium: Browser) -> Iterator[Open]:
             if message.type in ("error", "assert"):
                 one.errors.append(f"{message.text} ({message.location.get('url', '')})")
 
-        def on_request(request: Request) -> None:
-            one.requests.append(request)
+        def on_request(sent: Request) -> None:
+            one.requests.append(sent)
 
         one.page.on("console", on_console)
         one.page.on("pageerror", lambda error: one.errors.append(f"{error.name}: {error.message}"))

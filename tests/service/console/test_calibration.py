@@ -14,7 +14,8 @@ from tests.service.console.conftest import Open
 from tests.service.live_cell import LiveCell, live_cell
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 EXCLUDED_VIEW = {
     **dict.fromkeys(("rms_px", "robot_error_m", "robot_error_rad", "loo_error_m", "distance_m")),

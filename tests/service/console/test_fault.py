@@ -13,7 +13,8 @@ from tests.service.console.conftest import Cell, Open
 
 CHECK_FIRST = json.loads((BUILT.parent / "web/src/texts/en.json").read_text())["fault"]["check"]
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 
 def test_a_maintainer_acknowledges_a_protective_stop_after_checking(open_console: Open, cell: Cell) -> None:

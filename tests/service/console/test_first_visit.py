@@ -12,7 +12,8 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 
 def test_the_page_shows_the_cell_state_without_a_token(open_console: Open, client: ServedClient) -> None:

@@ -19,7 +19,8 @@ from tests.service.conftest import Serve, ServedClient
 from tests.service.console.conftest import Open
 from tests.service.security.conftest import without_recognition
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 

@@ -11,7 +11,8 @@ from tests.service.console.boxes import assert_texts_fit
 from tests.service.console.conftest import Open
 from tests.service.service_process import process
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 
 def test_the_page_marks_its_state_as_old_until_the_service_is_back(open_console: Open, tmp_path: Path) -> None:

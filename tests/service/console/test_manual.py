@@ -11,7 +11,8 @@ from service.security.middleware.headers import MANUAL_FOLDER
 from tests.service.conftest import ServedClient
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 SERIOUS = ("serious", "critical")
 

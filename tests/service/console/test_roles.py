@@ -10,7 +10,8 @@ from playwright.sync_api import expect
 from service.security.auth.tokens import add_token, remove_token
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 

@@ -35,6 +35,7 @@ def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -
     wait_until_drawn(page)
 
 
+@pytest.mark.without_3d
 def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     viewpoints = page.get_by_role("textbox", name="Viewpoints")
@@ -57,6 +58,7 @@ def test_a_quick_scan_of_a_clear_table_takes_half_the_views(open_console: Open, 
     cell.live.release()  # a connected arm would take a fifth of a core during the next tests
 
 
+@pytest.mark.without_3d
 def test_another_number_of_viewpoints_is_checked_at_once(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
@@ -65,6 +67,7 @@ def test_another_number_of_viewpoints_is_checked_at_once(open_console: Open, cli
         expect(page.get_by_text(f"Reachable: {number} of {number}")).to_be_visible()
 
 
+@pytest.mark.without_3d
 def test_quick_is_ticked_as_configured_and_unticked_is_not_quick(
     open_console: Open, serve: Serve, tmp_path: Path
 ) -> None:
@@ -84,6 +87,7 @@ def test_quick_is_ticked_as_configured_and_unticked_is_not_quick(
         page.close()  # before the service ends
 
 
+@pytest.mark.without_3d
 def test_a_scan_that_is_not_quick_has_the_configured_number(open_console: Open, serve: Serve, tmp_path: Path) -> None:
     with live_cell(serve, tmp_path, scan={"views": 6}) as live:
         page = open_console(live.client).page
@@ -98,6 +102,7 @@ def test_a_scan_that_is_not_quick_has_the_configured_number(open_console: Open, 
         page.close()  # before the service ends
 
 
+@pytest.mark.without_3d
 def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: ServedClient) -> None:
     page = open_console(client).page
     scan = page.get_by_role("button", name="Scan: the arm will move")
@@ -117,6 +122,7 @@ def test_an_invalid_number_is_reported_at_its_field(open_console: Open, client: 
     expect(scan).to_be_disabled()
 
 
+@pytest.mark.without_3d
 def test_a_radius_may_have_a_decimal_comma(open_console: Open, client: ServedClient, recording_file: Path) -> None:
     client.post("/api/recordings", content=recording_file.read_bytes())
     page = open_console(client).page
@@ -134,6 +140,7 @@ def test_a_radius_may_have_a_decimal_comma(open_console: Open, client: ServedCli
     expect(page.get_by_role("region", name="The last scan")).to_contain_text("1 string, 0 crossings")
 
 
+@pytest.mark.without_3d
 def test_a_scan_is_cancelled(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     page.get_by_role("button", name="Scan: the arm will move").click()
@@ -159,6 +166,7 @@ def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedC
     wait_until_drawn(page)
 
 
+@pytest.mark.without_3d
 def test_an_invalid_recording_is_refused_with_a_message(
     open_console: Open, client: ServedClient, tmp_path: Path
 ) -> None:

@@ -12,7 +12,8 @@ from service.security.auth.tokens import TOKENS_FILE, add_token, read_tokens, re
 from tests.service.console.conftest import Cell, Open, Opened
 from tests.service.console.test_accessibility import assert_usable
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 PHONE = {"width": 390, "height": 844}
 SIGNED_IN = "carl, operator: can scan"

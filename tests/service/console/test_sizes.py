@@ -25,43 +25,52 @@ def assert_in_first_screen(page: Page, name: str) -> None:
     assert box is not None
     assert size is not None
     assert box["y"] >= 0, (name, box)
-    assert box["y"] + box["height"] <= size["height"], (name, box)
+    assert box["y"] + box["height"] <= size["height"], (name, box, size)
 
 
-def check_layout(page: Page) -> None:
-    assert_texts_fit(page)
-    assert_in_first_screen(page, "STOP the arm")
+def check_layout(page: Page, buttons: dict[str, tuple[str, ...]] | None = None) -> None:
+    """Check the page in each size.
+
+    Args:
+        page: The page.
+        buttons: Further buttons that must be in the first screen, by the size.
+    """
+    for size, (width, height) in SIZES.items():
+        page.set_viewport_size({"width": width, "height": height})
+        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        assert_texts_fit(page)
+        for button in ("STOP the arm", *(buttons or {}).get(size, ())):
+            assert_in_first_screen(page, button)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_no_text_is_cut_or_covered_in_any_state(open_console: Open, cell: Cell, size: str) -> None:
+def test_no_text_is_cut_or_covered_in_any_state(open_console: Open, cell: Cell) -> None:
     cell.make_ready()
-    width, height = SIZES[size]
-    page = open_console(cell.live.client, width=width, height=height).page
+    page = open_console(cell.live.client).page
     expect(page.get_by_label("Token")).to_be_visible()
     check_layout(page)
-    page = open_console(cell.live.client, token=cell.tokens["viewer"], width=width, height=height).page
+    page = open_console(cell.live.client, token=cell.tokens["viewer"]).page
     expect(page.get_by_text("Only operators start scans")).to_be_visible()
     check_layout(page)
+    page.close()
 
-    page = open_console(cell.live.client, token=cell.tokens["maintainer"], width=width, height=height).page
+    page = open_console(cell.live.client, token=cell.tokens["maintainer"]).page
     expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()
-    check_layout(page)
-    if size != "turned phone":
-        assert_in_first_screen(page, SCAN_BUTTON)
-    if "phone" in size:
-        assert page.get_by_role("banner").evaluate("bar => bar.offsetHeight") <= MAX_BAR_PX
+    check_layout(page, dict.fromkeys(("phone", "tablet", "desktop"), (SCAN_BUTTON,)))
+    for size in ("phone", "turned phone"):
+        width, height = SIZES[size]
+        page.set_viewport_size({"width": width, "height": height})
+        wait_until(lambda: page.get_by_role("banner").evaluate("bar => bar.offsetHeight") <= MAX_BAR_PX)
     page.get_by_label("String radius, in mm", exact=True).fill("4.2")
     page.get_by_role("button", name=SCAN_BUTTON).click()
     progress = page.get_by_role("region", name="Scan in progress")
     expect(progress).to_be_visible()
     check_layout(page)
+    # on a busy machine, the page may miss single views
     expect(progress).to_contain_text(re.compile("[2-7] of 8 views recorded"))
     check_layout(page)
     last = page.get_by_role("region", name="The last scan")
     expect(last.get_by_role("link", name="Look at the result")).to_be_visible()
     check_layout(page)
-    assert_in_first_screen(page, "STOP the arm")
 
     last.get_by_role("link", name="Look at the result").click()
     wait_until_drawn(page)

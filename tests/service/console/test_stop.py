@@ -9,7 +9,8 @@ from playwright.sync_api import Route, expect
 
 from tests.service.console.conftest import Cell, Open
 
-pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+# one at a time: each test runs several busy processes
+pytestmark = [pytest.mark.xdist_group("console"), pytest.mark.without_3d]
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
@@ -37,6 +38,7 @@ def test_stop_during_a_move(open_console: Open, cell: Cell, finished: Finished, 
 def test_stop_says_that_it_does_not_reach_a_released_arm(open_console: Open, cell: Cell) -> None:
     cell.make_ready()
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    expect(page.get_by_text("Reachable: 8 of 8")).to_be_visible()  # the page may move until then
     page.get_by_role("button", name="Release the arm").click()
     expect(page.get_by_role("button", name="Connect arm and camera")).to_be_visible()
     page.get_by_role("button", name="STOP the arm").click()

@@ -38,12 +38,9 @@ export function Reachability({ views }: { views: Scan["views"] }) {
         </Act>
       </div>
       <Failed failure={action.failure} />
-      {plan !== null && (
-        <>
-          <p class="small">{motionText(plan)}</p>
-          <Unreachable plan={plan} />
-        </>
-      )}
+      {/* Always there, so that the page does not move under a finger when the plan comes. */}
+      <p class="small">{plan === null ? "\u00a0" : motionText(plan)}</p>
+      {plan !== null && <Unreachable plan={plan} />}
     </div>
   );
 }
