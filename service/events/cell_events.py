@@ -5,8 +5,6 @@ from functools import cached_property
 from json import dumps
 from typing import Any
 
-import numpy as np
-
 from cell.control.cell import Cell
 from cell.control.status import CellStatus, State
 from cell.errors import RobotLostError
@@ -42,7 +40,7 @@ class ArmEvent:
     q_rad: tuple[float, ...] | None
     moving: bool | None
 
-    @cached_property
+    @property
     def text(self) -> str:
         """The event as JSON."""
         return dumps(asdict(self))
@@ -53,7 +51,8 @@ def arm_event(status: CellStatus) -> ArmEvent:
     state = status.arm_state
     if state is None or status.state == "not_ready" or status.slug == RobotLostError.slug:
         return ArmEvent(None, None)
-    return ArmEvent(tuple(np.round(state.q_rad, Q_DIGITS).tolist()), None if status.state == "fault" else state.moving)
+    q_rad = tuple(round(angle, Q_DIGITS) for angle in state.q_rad.tolist())
+    return ArmEvent(q_rad, None if status.state == "fault" else state.moving)
 
 
 def publish_changes(cell: Cell, hub: EventHub[Any]) -> None:

@@ -8,7 +8,7 @@ from cell.recording.header import RecordingHeader
 from recognition.preprocessing.target_cloud import deproject
 
 MAX_POINTS = 10_000
-"""Maximum number of points. Eight views then have fewer points than a merged cloud."""
+"""Maximum number of points. Eight views then have at most 80,000."""
 MIN_HEIGHT_M = 0.002
 """Height above the table from which a point counts as standing above it. Noise of the table is below it."""
 

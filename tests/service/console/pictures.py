@@ -23,6 +23,7 @@ from cell.simulation.scenes.scenes import make_scene
 from cell.simulation.ur_controller.admin_client import AdminClient
 from service.security.auth.tokens import add_token
 from tests.cell.loopback import free_host
+from tests.service.conftest import wait_until
 from tests.service.console.conftest import ARGUMENTS, chromium_path, wait_until_drawn
 from tests.service.service_process import process
 
@@ -91,7 +92,12 @@ class States:
 
 
 def save_states(
-    states: States, cell: httpx2.Client, service: int, controller: AdminClient, tokens: dict[str, str]
+    states: States,
+    cell: httpx2.Client,
+    service: int,
+    controller: AdminClient,
+    tokens: dict[str, str],
+    doubtful: str,
 ) -> None:
     """Bring the cell into each main state, and save a picture of it.
 
@@ -101,6 +107,7 @@ def save_states(
         service: Process id of the service.
         controller: Admin client of the virtual controller.
         tokens: Tokens by role.
+        doubtful: Id of a scan with a doubt.
     """
     with states.page(None) as page:
         expect(page.get_by_label("Token")).to_be_visible()
@@ -126,7 +133,7 @@ def save_states(
         expect(page.get_by_role("region", name="After a stop")).to_be_visible()
         states.save(page, "stopped")
 
-        page.goto(f"{page.url.partition('#')[0]}#/result/{doubtful_scan(cell)}")
+        page.goto(f"{page.url.partition('#')[0]}#/result/{doubtful}")
         wait_until_drawn(page)
         states.save(page, "result-with-doubts")
         page.keyboard.press("3")
@@ -149,14 +156,18 @@ def save_states(
     assert cell.post("/api/cell/acknowledge").is_success
 
 
-def doubtful_scan(cell: httpx2.Client) -> str:
-    """Recognise two views of a knot, in which a doubt remains. Return the id of the scan."""
-    file = Path(tempfile.mkdtemp()) / "two-views.mcap"
+def doubtful_scan(cell: httpx2.Client, file: Path) -> str:
+    """Recognise two views of a knot, in which a doubt remains. Return the id of the scan.
+
+    Args:
+        cell: Client of the service.
+        file: Path of the recording that is made.
+    """
     write_simulation(simulate(make_scene(SCENE, 2), camera_model("oak-d-pro"), 2, views=2), file)
     recording = cell.post("/api/recordings?name=two-views.mcap", content=file.read_bytes()).json()["id"]
     scan = cell.post("/api/scans", json={"mode": "replay", "recording": recording}).json()
-    while not scan["final"]:
-        scan = cell.get(scan["links"]["self"]).json()
+    wait_until(lambda: cell.get(scan["links"]["self"]).json()["final"])
+    scan = cell.get(scan["links"]["self"]).json()
     assert scan["summary"]["doubts"], scan
     return scan["id"]
 
@@ -211,9 +222,12 @@ def main() -> int:
             tokens = {role: add_token(data, role, role) for role in ("viewer", "maintainer")}
             client.headers["Authorization"] = f"Bearer {tokens['maintainer']}"
             controller = AdminClient(host)
+            doubtful = doubtful_scan(client, Path(folder) / "two-views.mcap")
             for size in SIZES:
                 for scheme in SCHEMES:
-                    save_states(States(browser, address, size, scheme), client, running.pid, controller, tokens)
+                    save_states(
+                        States(browser, address, size, scheme), client, running.pid, controller, tokens, doubtful
+                    )
             controller.close()
         browser.close()
     for picture in sorted(MANUAL.glob("console-*.jpg")):

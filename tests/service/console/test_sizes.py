@@ -113,6 +113,12 @@ def test_during_a_scan_the_drawn_arm_moves_and_points_arrive(open_console: Open,
     assert page.evaluate("() => window.joints.size") > 40
     expect(page.get_by_role("checkbox", name="Strings")).to_be_visible()  # the model follows in the same picture
     wait_until(lambda: cell.live.state()["state"] == "ready")
+    page.get_by_role("button", name=SCAN_BUTTON).click()  # a second scan shows nothing of the first one
+    expect(page.get_by_role("region", name="Scan in progress")).to_be_visible()
+    page.get_by_role("button", name="Cancel this scan").click()
+    expect(page.get_by_role("region", name="The last scan")).to_contain_text("Stopped")
+    cell.make_ready()
+    wait_until(lambda: canvas.get_attribute("data-joints") != "")
     shown = [float(angle) for angle in (canvas.get_attribute("data-joints") or "").split()]
     assert shown == pytest.approx(cell.live.state()["robot"]["q_rad"], abs=1e-3)
 

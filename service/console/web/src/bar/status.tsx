@@ -92,7 +92,7 @@ function State() {
     <div class={calm ? "state calm" : "state"} role="status">
       <Badge tone={CELL_TONES[now.state]}>{state}</Badge>
       <p>
-        {stopped ? sentence(problemTitle("stopped", withoutAdvice(now.reason ?? ""))) : reasonText(now)}{" "}
+        {reasonText(now, canOperate.value && !stopped)}{" "}
         {!calm && <Original shown={reasonText(now)} text={sentence(now.reason ?? "")} />}{" "}
         {now.state === "not_ready" && !stopped && <WhatToDo problem={now.problem} />}
       </p>
@@ -123,10 +123,10 @@ function inSentence(text: string): string {
   return text.charAt(0).toLowerCase() + text.slice(1);
 }
 
-/** Return why the cell is in its state. The hint what to do is only for callers who may do it. */
-export function reasonText({ reason, problem }: Cell): string {
-  if (reason === null) return canOperate.value ? t("state.ready.operator") : t("state.ready.viewer");
-  const shown = canOperate.value ? reason : withoutAdvice(reason);
+/** Return why the cell is in its state. The advice what to do is for callers who may do it. */
+export function reasonText({ reason, problem }: Cell, withAdvice = canOperate.value): string {
+  if (reason === null) return withAdvice ? t("state.ready.operator") : t("state.ready.viewer");
+  const shown = withAdvice ? reason : withoutAdvice(reason);
   return sentence(problemTitle(problem && slugOf(problem), shown));
 }
 

@@ -2,10 +2,9 @@ import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
 import { requesting, running } from "../state/scans";
 import { canOperate } from "../state/session";
-import { problemTitle } from "../texts/problem";
 import { sentence } from "../texts/sentence";
 import { t } from "../texts/translate";
-import { withoutAdvice } from "./status";
+import { reasonText, withoutAdvice } from "./status";
 import { WhatToDo } from "../ui/manual";
 import { Original } from "../ui/original";
 
@@ -13,13 +12,12 @@ import { Original } from "../ui/original";
 export function Stopped({ open }: { open: boolean }) {
   if (problemSlug.value !== "stopped" || cell.value?.state !== "not_ready") return null;
   if (lost.value || requesting.value || running.value !== null) return null;
-  const reason = withoutAdvice(cell.value.reason ?? t("stopped.region"));
-  const title = sentence(problemTitle(problemSlug.value, reason));
+  const title = reasonText(cell.value, false);
   return (
     <section class="panel stopped" aria-label={t("stopped.region")}>
       <details key={String(open)} open={open}>
         <summary>{title}</summary>
-        <Original shown={title} text={sentence(reason)} />
+        <Original shown={title} text={sentence(withoutAdvice(cell.value.reason ?? ""))} />
         <p>{t("stopped.holds")}</p>
         <ol>
           <li>{t("stopped.find_out")}</li>

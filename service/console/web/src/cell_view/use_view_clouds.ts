@@ -1,4 +1,4 @@
-import { useEffect, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import { api, resultOf, type Scan } from "../net/api";
 import { request } from "../net/request";
 import { useQuery } from "../ui/use_query";
@@ -11,13 +11,18 @@ export interface ViewClouds {
   clouds: readonly ArrayBuffer[];
 }
 
-const NOTHING: ViewClouds = { indices: [], clouds: [] };
+interface Loaded extends ViewClouds {
+  /** ID of their scan. */
+  id: string | null;
+}
+
+const NOTHING: Loaded = { id: null, indices: [], clouds: [] };
 
 /** Load the points of each view of a live scan as soon as it is recorded, one view at a time. */
 export function useViewClouds(scan: Scan | null): ViewClouds {
-  const [loaded, setLoaded] = useState(NOTHING);
+  const [last, setLast] = useState(NOTHING);
   const id = scan?.mode === "live" ? scan.id : null;
-  useEffect(() => setLoaded(NOTHING), [id]);
+  const loaded = last.id === id ? last : NOTHING;
   const recorded = id === null ? [] : (scan?.progress.views ?? []).filter((view) => view.state === "recorded");
   const next = recorded.find((view) => !loaded.indices.includes(view.index))?.index ?? null;
   useQuery(
@@ -28,7 +33,7 @@ export function useViewClouds(scan: Scan | null): ViewClouds {
     },
     (cloud) => {
       if (cloud === null || next === null) return;
-      setLoaded((before) => ({ indices: [...before.indices, next], clouds: [...before.clouds, cloud] }));
+      setLast({ id, indices: [...loaded.indices, next], clouds: [...loaded.clouds, cloud] });
     },
     [id, next],
   );

@@ -8,16 +8,13 @@ import { rich, t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { Field } from "../ui/field";
 import { useQuery } from "../ui/use_query";
-import { type ChainChange, EARLIER_LINE, type Model, type Pose, type Target } from "../view3d/scene";
+import { CERTAIN_CONFIDENCE, type ChainChange, EARLIER_LINE, type Model, type Pose, type Target } from "../view3d/scene";
 import { earlierScans } from "./data/earlier_scans";
 import { Trust } from "./trust";
 import { loadModel } from "./data/use_result";
 
 type Since = NonNullable<Model["since"]>;
 type Match = Since["matches"][number];
-
-/** With a lower one, it is not certain that two strings are the same. */
-const CERTAIN_CONFIDENCE = 0.9;
 
 /** An earlier scan, and the changes since it. */
 export interface Earlier {
@@ -92,7 +89,7 @@ interface ChangeListProps {
   show: (target: Target) => void;
 }
 
-/** The changes in words, the largest first. A press on one shows the string before and now. */
+/** The list of changes, the largest first. A press on one shows the string before and now. */
 function ChangeList({ earlier: { scan, since }, show }: ChangeListProps) {
   const { word, tone } = outcome(scan);
   const link = (content: preact.ComponentChildren) => <a href={addressOf("result", scan.id)}>{content}</a>;

@@ -13,6 +13,7 @@ import { SimulatedMark } from "../ui/simulated";
 export function Progress({ scan }: { scan: Scan }) {
   const action = useAction();
   const activity = activityText(scan);
+  const moving = movingText(scan);
   const { fraction } = scan.progress;
   const { elapsed, remaining } = scanTime.value;
   const done = elapsed === null || remaining === null ? fraction : Math.min(0.99, elapsed / (elapsed + remaining));
@@ -33,7 +34,7 @@ export function Progress({ scan }: { scan: Scan }) {
           {t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })}
         </p>
       )}
-      {movingText(scan) !== null && <p>{movingText(scan)}</p>}
+      {moving !== null && <p>{moving}</p>}
       {scan.requested_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.requested_by })}</p>}
       <Act
         action={action}

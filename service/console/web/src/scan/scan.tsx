@@ -1,6 +1,6 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { CellView } from "../cell_view/cell_view";
-import type { Model, Scan } from "../net/api";
+import type { Scan } from "../net/api";
 import { loadModel } from "../result/data/use_result";
 import { cell } from "../state/cell";
 import { followed, latestOriginal, running } from "../state/scans";
@@ -8,7 +8,7 @@ import { callerNames, canOperate } from "../state/session";
 import { hasModel, isActive } from "../texts/states";
 import { t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
-import { useQuery } from "../ui/use_query";
+import { useLoaded } from "../ui/use_loaded";
 import { checkedPlan } from "./form_state";
 import { LastScan } from "./last_scan";
 import { Progress } from "./progress";
@@ -22,8 +22,10 @@ export function ScanScreen() {
   const runningId = running.value?.id;
   useEffect(() => scrollTo(0, 0), [runningId]); // a scan that starts or ends is shown at the top
   const drawn = drawnScan();
-  const model = useModel(drawn);
+  const model = useLoaded(drawn?.id ?? null, drawn !== null && hasModel(drawn), async (id) => (await loadModel(id)).model);
   const listed = running.value ?? scan;
+  const last = running.value === null && scan !== null && <LastScan scan={scan} />;
+  const isNew = scan?.id === followed.value;
   return (
     <div class="scan">
       <h1 class="unseen">{t("scan.title")}</h1>
@@ -35,13 +37,13 @@ export function ScanScreen() {
             <Progress scan={running.value} />
           </>
         )}
-        {running.value === null && scan !== null && scan.id === followed.value && <LastScan scan={scan} />}
+        {isNew && last}
         {/* Only hidden, so that the form keeps its content for the next scan. */}
         <div hidden={running.value !== null}>{canOperate.value && <Start action={action} />}</div>
-        {running.value === null && scan !== null && scan.id !== followed.value && <LastScan scan={scan} />}
+        {!isNew && last}
       </div>
       <CellView scan={drawn} checked={checkedPlan.value} model={model} />
-      {listed?.mode === "live" && <Views scan={listed} planned={listed.views === "auto" && !isActive(listed.state) ? [] : plannedViews(listed)} />}
+      {listed?.mode === "live" && <Views scan={listed} planned={plannedViews(listed)} />}
     </div>
   );
 }
@@ -49,26 +51,15 @@ export function ScanScreen() {
 /** Return the live scan that runs, or the last one, if it ran while this page was open; null: none. */
 function drawnScan(): Scan | null {
   const { value } = running;
-  if (value?.mode === "live" && value.source === null) return value;
+  if (value?.mode === "live") return value;
   const last = latestOriginal.value;
   return last !== null && last.id === followed.value ? last : null;
 }
 
 /** Return the viewpoints that the arm has not reached, or did not reach before the scan ended. */
-function plannedViews({ views, progress }: Scan): number[] {
+function plannedViews({ views, progress, state }: Scan): number[] {
+  if (views === "auto" && !isActive(state)) return []; // the others were not needed
   const count = typeof views === "number" ? views : (cell.value?.viewpoints?.planned ?? 0);
   const known = new Set(progress.views.map((view) => view.index));
   return Array.from({ length: count }, (_, index) => index).filter((index) => !known.has(index));
-}
-
-/** Load the model of a scan as soon as it has one. */
-function useModel(scan: Scan | null): Model | null {
-  const [loaded, setLoaded] = useState<{ id: string; model: Model } | null>(null);
-  const id = scan !== null && hasModel(scan) ? scan.id : null;
-  useQuery(
-    async () => (id === null ? null : (await loadModel(id)).model),
-    (model) => setLoaded(id === null || model === null ? null : { id, model }),
-    [id],
-  );
-  return loaded !== null && loaded.id === id ? loaded.model : null;
 }

@@ -41,15 +41,15 @@ interface CardProps {
 }
 
 function Card({ scan, index, view }: CardProps) {
-  const state = t(`view_state.${view?.state ?? (isActive(scan.state) ? "planned" : "not_recorded")}`);
+  const state = view?.state ?? (isActive(scan.state) ? "planned" : "not_recorded");
   return (
-    <li class={view?.state ?? (isActive(scan.state) ? "" : "missing")} value={index}>
-      {view?.state === "recorded" ? (
+    <li class={state} value={index}>
+      {state === "recorded" ? (
         <Picture src={`/api/scans/${scan.id}/views/${index}.png`} alt={t("scan.views.alt", { index })} />
       ) : (
-        <span class="picture">{view?.state === "moving" ? "..." : view?.state === "missing" ? "✗" : ""}</span>
+        <span class="picture">{state === "moving" ? "..." : state === "missing" ? "✗" : ""}</span>
       )}
-      {t("scan.views.label", { index, state })}
+      {t("scan.views.label", { index, state: t(`view_state.${state}`) })}
     </li>
   );
 }

@@ -7,7 +7,7 @@ import { linkFrames } from "./kinematics";
 import { label } from "./labels";
 import type { Palette } from "./palette";
 import { matrixOf } from "./pose";
-import type { ArmGeometry, Lens, Model, PlannedPath, ViewPose } from "./scene";
+import type { ArmGeometry, CameraPose, Lens, Model, PlannedPath } from "./scene";
 
 /** Length of the drawn part of a camera's field of view. */
 const REACH_M = 0.05;
@@ -15,7 +15,7 @@ const REACH_M = 0.05;
 const SIGHT_M = 0.3;
 
 /** Draw the camera of each view as a pyramid with the view's number. */
-export function drawCameras(views: readonly ViewPose[], model: Model | null, palette: Palette): Group {
+export function drawCameras(views: readonly CameraPose[], model: Model | null, palette: Palette): Group {
   const group = new Group();
   for (const view of views) {
     const quality = model?.quality.views.find((one) => one.index === view.index);
@@ -44,7 +44,7 @@ export function drawPlanned(plan: PlannedPath | null, palette: Palette): Group {
 export function drawFrustum(lens: Lens | null, palette: Palette): Group {
   const group = new Group();
   if (lens === null) return group;
-  return group.add(drawView({ ...lens, T_base_camera: lens.T_flange_camera, index: 0, image: "", cloud: "" }, palette.accent, SIGHT_M));
+  return group.add(drawView({ ...lens, T_base_camera: lens.T_flange_camera, index: 0 }, palette.accent, SIGHT_M, 0.15));
 }
 
 /** Move the drawn frustum to joint angles. */
@@ -56,23 +56,23 @@ export function poseFrustum(group: Group, arm: ArmGeometry, q_rad: readonly numb
 }
 
 /** Draw the pyramid of one view, with its sides filled. */
-export function drawView(view: ViewPose, colour: Color, reach_m = 1.5 * REACH_M): Group {
+export function drawView(view: CameraPose, colour: Color, reach_m = 1.5 * REACH_M, opacity = 0.35): Group {
   const group = new Group();
   const [a, b, c, d] = cornersOf(view, reach_m);
   const eye = eyeOf(view);
   if (!a || !b || !c || !d) return group;
   const shape = shapeOf([eye, a, b, eye, b, c, eye, c, d, eye, d, a]);
-  const sides = { color: colour, side: DoubleSide, transparent: true, opacity: reach_m > 2 * REACH_M ? 0.15 : 0.35, depthWrite: false };
+  const sides = { color: colour, side: DoubleSide, transparent: true, opacity, depthWrite: false };
   group.add(new Mesh(shape, new MeshBasicMaterial(sides)), pyramid(view, colour, reach_m));
   return group;
 }
 
 /** Return the camera position of a view. */
-export function eyeOf(view: ViewPose): Vector3 {
+export function eyeOf(view: CameraPose): Vector3 {
   return new Vector3().setFromMatrixPosition(matrixOf(view.T_base_camera));
 }
 
-function pyramid(view: ViewPose, colour: Color, reach_m = REACH_M): LineSegments {
+function pyramid(view: CameraPose, colour: Color, reach_m = REACH_M): LineSegments {
   const [a, b, c, d] = cornersOf(view, reach_m);
   const eye = eyeOf(view);
   if (!a || !b || !c || !d) return new LineSegments();
@@ -84,7 +84,7 @@ function pyramid(view: ViewPose, colour: Color, reach_m = REACH_M): LineSegments
 }
 
 /** The picture's corners at a distance: upper left, upper right, lower right, lower left. */
-function cornersOf(view: ViewPose, reach_m: number): Vector3[] {
+function cornersOf(view: CameraPose, reach_m: number): Vector3[] {
   const [fx, fy] = [view.K[0]?.[0] ?? view.width, view.K[1]?.[1] ?? view.width];
   const [cx, cy] = [view.K[0]?.[2] ?? view.width / 2, view.K[1]?.[2] ?? view.height / 2];
   const pose = matrixOf(view.T_base_camera);

@@ -5,7 +5,7 @@ const DASHES = [4, 3];
 /** Height of a line of the caption, and its margin, pixels of the page. */
 const [LINE, MARGIN] = [20, 8];
 
-/** What a picture shows, so that it can be told apart without the page. */
+/** What a picture shows, for people who see it without the page. */
 export interface Caption {
   /** A mark that must not be missed, such as that of a simulated cell; null: none. */
   mark: string | null;

@@ -15,6 +15,8 @@ export type Layer = "cloud" | "strings" | "crossings" | "grasps" | "cameras" | "
 
 /** The camera pose of a view. */
 export type ViewPose = components["schemas"]["ViewResource"];
+/** What of a view is drawn in 3D. */
+export type CameraPose = Pick<ViewPose, "index" | "T_base_camera" | "K" | "width" | "height">;
 /** A capsule of the arm: all points within a radius of a segment. */
 export type ArmCapsule = components["schemas"]["ArmCapsule"];
 /** An arm's Denavit-Hartenberg table and its shape. */
@@ -29,9 +31,9 @@ export type HeightMap = components["schemas"]["HeightMapDocument"];
 
 /** The viewpoints that the arm has not reached yet. */
 export interface PlannedPath {
-  views: readonly ViewPose[];
+  views: readonly CameraPose[];
   /** All reachable viewpoints in the order of the path. */
-  path: readonly ViewPose[];
+  path: readonly CameraPose[];
 }
 
 /** The camera on the flange. */
@@ -61,7 +63,7 @@ export interface Content {
   grasps: readonly Grasp[];
   /** `cloud.ply` as served. */
   cloud: ArrayBuffer | null;
-  views: readonly ViewPose[];
+  views: readonly CameraPose[];
   geometry: CellGeometry | null;
   /** The gripper of the grasps, if it is the configured one. */
   gripper: Gripper | null;
@@ -113,7 +115,7 @@ export function lineOf(method: string): { style: LineStyle; colour: string } {
   return { style: "solid", colour: "#ffffff" };
 }
 
-/** A crossing with a lower confidence is shown as not certain. */
+/** With a lower confidence, a crossing or a match of two strings is shown as not certain. */
 export const CERTAIN_CONFIDENCE = 0.9;
 
 /** Return whether a person must check a crossing. */
