@@ -31,7 +31,7 @@ import { useReach } from "./data/use_reach";
 import { useResult } from "./data/use_result";
 import { Verdict } from "./verdict";
 
-const More = onDemand(async () => (await import("./more")).More);
+const { Component: More } = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
 /** The result of a scan: in 3D, and as lists beside it. */

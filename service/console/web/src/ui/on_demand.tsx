@@ -1,33 +1,42 @@
-import type { ComponentType } from "preact";
+import type { ComponentChildren, ComponentType } from "preact";
 import { useEffect, useState } from "preact/hooks";
 
 /** Pause before code that did not arrive is requested again. */
 const RETRY_MS = 1000;
 
-/** Load code, again and again until the service answers, as the bar says. */
-export async function loadCode<T>(load: () => Promise<T>): Promise<T> {
-  for (;;) {
-    try {
-      return await load();
-    } catch {
-      await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
-    }
-  }
+/** A component whose code is loaded when it is first shown, or before by `preload`. */
+export interface OnDemand<P> {
+  Component: ComponentType<P>;
+  preload(): Promise<void>;
 }
 
-/** Return a component whose code is loaded when it is first shown. Until then nothing is shown. */
-export function onDemand<P extends object>(load: () => Promise<ComponentType<P>>): ComponentType<P> {
-  let loaded: ComponentType<P> | null = null;
-  return function OnDemand(props: P) {
-    const [, setShown] = useState(loaded);
+/** Return a component whose code is loaded on demand. Until it is there, `waiting` is shown. */
+export function onDemand<P extends object>(
+  load: () => Promise<ComponentType<P>>,
+  waiting: () => ComponentChildren = () => null,
+): OnDemand<P> {
+  let Loaded: ComponentType<P> | null = null;
+  let loading: Promise<void> | null = null;
+
+  async function request(): Promise<void> {
+    while (Loaded === null) {
+      try {
+        Loaded = await load();
+      } catch {
+        // The service did not answer, as the bar says.
+        await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
+      }
+    }
+  }
+
+  const preload = () => (loading ??= request());
+
+  function Component(props: P) {
+    const [, setReady] = useState(Loaded !== null);
     useEffect(() => {
-      if (loaded !== null) return;
-      void loadCode(load).then((component) => {
-        loaded = component;
-        setShown(() => component);
-      });
+      void preload().then(() => setReady(true));
     }, []);
-    const Component = loaded;
-    return Component === null ? null : <Component {...props} />;
-  };
+    return Loaded === null ? <>{waiting()}</> : <Loaded {...props} />;
+  }
+  return { Component, preload };
 }

@@ -9,6 +9,7 @@ import { drawGrasp, graspText, handleOf } from "./grasps";
 import { drawMotion, palmOf, pointsOfMotion } from "./grasp_motion";
 import { label } from "./labels";
 import type { Palette } from "./palette";
+import { overEverything } from "./over_everything";
 import { matrixOf } from "./pose";
 import { arrow, rod } from "./rod";
 import type { Chain, ChainChange, Content, Target } from "./scene";
@@ -148,13 +149,7 @@ function markChange(change: ChainChange, content: Content, palette: Palette): Gr
   if (before === undefined || change.T_now_before === null) return group;
   const from = new Vector3().fromArray(pointAt(before, before.length_m / 2).point);
   const to = from.clone().applyMatrix4(matrixOf(change.T_now_before));
-  const motion = arrow(from, to, 0.35 * before.radius_m, palette.accent);
-  motion.traverse((part) => {
-    if (!(part instanceof Mesh)) return;
-    part.material.depthTest = false;
-    part.renderOrder = 30;
-  });
-  return group.add(motion);
+  return group.add(overEverything(arrow(from, to, 0.35 * before.radius_m, palette.accent), 30));
 }
 
 function markPoint(chain: Chain, s_m: number, colour: Color): Group {

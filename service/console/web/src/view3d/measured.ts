@@ -3,6 +3,7 @@ import { mm } from "../texts/format";
 import { t } from "../texts/translate";
 import { distance } from "./arc_length";
 import { label } from "./labels";
+import { overEverything } from "./over_everything";
 import type { Palette } from "./palette";
 import { rod } from "./rod";
 import type { Measured } from "./scene";
@@ -28,10 +29,5 @@ export function drawMeasured(measured: Measured | null, palette: Palette): Group
     const middle = from.clone().lerp(to, 0.5);
     group.add(rod(from, to, LINE_M, palette.measured), label({ brief: text, kind: "measured", rank: -1 }, middle));
   }
-  group.traverse((part) => {
-    if (!(part instanceof Mesh)) return;
-    part.material.depthTest = false;
-    part.renderOrder = 40;
-  });
-  return group;
+  return overEverything(group, 40);
 }
