@@ -9,11 +9,9 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 
 import httpx2
-import numpy as np
 import pytest
 
 from cell.control.status import CellStatus
-from cell.devices import ArmState
 from service.api import server_sent_events
 from service.api.dependencies import Context
 from service.errors import Failure, ServiceError
@@ -22,6 +20,7 @@ from service.events.stream_slots import StreamSlots
 from service.jobs.submission import NOBODY, new_scan
 from service.security.auth.tokens import TOKENS_FILE, add_token, read_tokens, remove_token
 from service.server import uvicorn_server
+from tests.service.cell_status import status_with_arm
 from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
 from tests.service.following import fold_events, open_stream, read_events
 
@@ -229,18 +228,7 @@ def test_a_stream_has_the_joint_angles_of_a_moving_arm_on_request(
     angles = [0.0]
 
     def status() -> CellStatus:
-        state = ArmState(
-            q_rad=np.full(6, angles[0]),
-            qd_rad_s=np.zeros(6),
-            T_base_flange=np.eye(4),
-            robot_mode="running",
-            safety_mode="normal",
-            moving=True,
-            controller_s=0.0,
-            age_s=0.0,
-            read_s=time.monotonic(),
-        )
-        return CellStatus(state="busy", slug=None, reason=None, arm_state=state)
+        return status_with_arm("busy", angles[0], moving=True)
 
     monkeypatch.setattr(type(service.cell), "status", property(lambda cell: status()))
     with open_stream(quick, "/api/events?arm=true") as events:
