@@ -1,6 +1,7 @@
 """How long a scan is expected to take, by its plan."""
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 from cell.config.arm_config import SimulatedArm
 from cell.config.cell_config import CellSettings
@@ -23,6 +24,8 @@ class ExpectedDuration:
     """Time until the model is stored."""
     to_home_s: float
     """Time until the arm is home."""
+    to_views_s: tuple[float, ...]
+    """Time until each view is recorded, in the order of the path."""
 
 
 def expected_duration(plan: ViewpointPlan, settings: CellSettings, ends_after: int | None = None) -> ExpectedDuration:
@@ -37,10 +40,11 @@ def expected_duration(plan: ViewpointPlan, settings: CellSettings, ends_after: i
     waits = ends_after is not None and ends_after < len(legs)
     legs = legs[:ends_after]
     if not legs:
-        return ExpectedDuration(0.0, 0.0)
+        return ExpectedDuration(0.0, 0.0, ())
     factor = settings.arm.time_factor if isinstance(settings.arm, SimulatedArm) else 1.0
     camera = settings.camera
     dwell_s = camera.settle_s + camera.exposures / camera.frame_rate + VIEW_OVERHEAD_S
-    last_view_s = sum(leg.duration_s for leg in legs) / factor + len(legs) * dwell_s
+    to_views_s = tuple(accumulate(leg.duration_s / factor + dwell_s for leg in legs))
     checked_s = RECOGNITION_S if waits else 0.0
-    return ExpectedDuration(last_view_s + RECOGNITION_S, last_view_s + checked_s + legs[-1].home_duration_s / factor)
+    to_home_s = to_views_s[-1] + checked_s + legs[-1].home_duration_s / factor
+    return ExpectedDuration(to_views_s[-1] + RECOGNITION_S, to_home_s, to_views_s)

@@ -78,7 +78,7 @@ async def _scan_caller(
         raise ProblemError("idempotency-key", "there is more than one Idempotency-Key; send one")
     key = None if idempotency_key is None else check_key(idempotency_key)
     caller = caller_of(request)
-    return ScanCaller(request.url.path, caller.name, None if caller.local else caller.name, key)
+    return ScanCaller(request.url.path, caller.name, caller.token_name, key)
 
 
 RequesterDependency = Annotated[ScanCaller, Depends(_scan_caller)]

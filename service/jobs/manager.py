@@ -24,6 +24,7 @@ from service.errors import ServiceError
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.calibration_job import CalibrationWork
 from service.jobs.cell_lock import CellLock
+from service.jobs.interventions import Interventions
 from service.jobs.job import Job, kind_of
 from service.jobs.live_scan import keep_recording
 from service.jobs.runner import JobRunner
@@ -83,6 +84,8 @@ class Jobs:
         self._lock = CellLock()
         self._stopped_at = -math.inf
         """Time of the last request to stop the arm, monotonic seconds."""
+        self.interventions = Interventions()
+        """Who stopped the arm last, and who acknowledged the last fault."""
         self.drift = DriftWatch(store.calibrations)
         """What recent scans say about the active calibration."""
         self._scans = ScanWork(store, cell, self._worker, recognition_limit_s, gripper, self.drift, self._metrics)
@@ -153,12 +156,13 @@ class Jobs:
         """Return whether the preview of a scan that has a result is still being drawn."""
         return self._scans.drawing == scan_id
 
-    def cancel(self, row_id: str, find: Callable[[], ScanRow | CalibrationRow]) -> None:
+    def cancel(self, row_id: str, find: Callable[[], ScanRow | CalibrationRow], by: str | None = None) -> None:
         """Stop the job of this id, the arm first, and wait for its end. It may have succeeded a moment before.
 
         Args:
             row_id: Id of the job.
             find: Returns the row of the job. It is called only if the job is not running.
+            by: Name of the caller, if it is known.
 
         Raises:
             ServiceError: `not-cancellable`, the job had ended already, and not because it was aborted; or what `find`
@@ -168,17 +172,23 @@ class Jobs:
         if job is not None and job.row.id == row_id:
             # The arm may already work for the next job if this one has just ended.
             arm = job.uses_arm and not job.ended.is_set()
-            self._stop(job, "aborted", f"the {job.kind} was cancelled", arm)
+            if arm:
+                self.interventions.record_stop(by)
+            self._stop(job, "aborted", f"the {job.kind} was cancelled{_by(by)}", arm)
             job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
             kind = kind_of(row)
             detail = f"the {kind} has ended already: it is {row.state}"
             raise ServiceError("not-cancellable", detail, kind=kind, state=row.state)
 
-    def stop_arm(self, reason: str = "the arm was stopped by request") -> str | None:
+    def stop_arm(self, by: str | None = None, reason: str | None = None) -> str | None:
         """Stop the arm, and abort the job that uses it, if any.
 
         Waits for the arm to end its move or capture. The job ends after that, while its recording is being kept.
+
+        Args:
+            by: Name of the caller, if it is known.
+            reason: Why the job ends, if not by request.
 
         Returns:
             Id of the scan that was stopped, if any.
@@ -186,7 +196,8 @@ class Jobs:
         self._stopped_at = time.monotonic()
         job = self._lock.job
         live = job if job is not None and job.uses_arm else None
-        self._stop(live, "aborted", reason)
+        self.interventions.record_stop(by)
+        self._stop(live, "aborted", reason or f"the arm was stopped{_by(by) or ' by request'}")
         self._cell.wait_while_busy(STOP_TIMEOUT_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
@@ -202,7 +213,8 @@ class Jobs:
         """Stop an arm that moves or is about to move, because the service does not answer: no one else could."""
         self._cell.reject_earlier_requests()  # jobs that are not accepted yet
         if self._cell.status.state == "busy" or self.using_arm is not None:
-            self.stop_arm("the service did not answer for more than a second, so nobody could have stopped the arm")
+            reason = "the service did not answer for more than a second, so nobody could have stopped the arm"
+            self.stop_arm(reason=reason)
 
     def release_arm(self, requested_at: float) -> None:
         """Release the arm for other programs once it is home.
@@ -317,3 +329,7 @@ class Jobs:
     def _prepare(self) -> None:
         if not self._lock.closed:
             self._worker.prepare()
+
+
+def _by(name: str | None) -> str:
+    return "" if name is None else f" by {name}"

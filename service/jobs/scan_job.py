@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
+from typing import Any
 
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
@@ -245,8 +246,9 @@ class ScanWork:
             self.drawing = None
 
 
-def _expected(expected: ExpectedDuration) -> dict[str, float]:
+def _expected(expected: ExpectedDuration) -> dict[str, Any]:
     return {
         "expected_to_model": round(expected.to_model_s, 1),
         "expected_to_home": round(expected.to_home_s, 1),
+        "expected_to_views": [round(seconds, 3) for seconds in expected.to_views_s],
     }

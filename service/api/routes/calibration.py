@@ -3,7 +3,7 @@
 from typing import Annotated, Any
 
 from anyio import to_thread
-from fastapi import APIRouter, Depends, Path, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import FileResponse
 
 from calibration.target.board import BoardError
@@ -20,6 +20,7 @@ from service.jobs.calibration_activation import activate_result
 from service.jobs.calibration_job import picture_file, run_folder
 from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
+from service.security.auth.caller import caller_of
 from service.storage.rows import CalibrationRow
 
 router = APIRouter(prefix="/api/calibration", tags=["calibration"])
@@ -121,14 +122,14 @@ def get_run(run: Run, service: Service) -> RunResource:
     "/runs/{id}/cancel",
     responses=problem_responses("calibration-not-found", "not-cancellable", "invalid-request"),
 )
-async def cancel_run(id: Id, service: Service) -> RunResource:  # noqa: A002 (the path's own name)
+async def cancel_run(id: Id, request: Request, service: Service) -> RunResource:  # noqa: A002 (the path's own name)
     """Cancel a run. The arm is stopped first.
 
     The run may have ended just before; the answer has its state.
     """
 
     def cancel() -> RunResource:
-        service.jobs.cancel(id, lambda: _find(id, service))
+        service.jobs.cancel(id, lambda: _find(id, service), caller_of(request).token_name)
         return get_run(_find(id, service), service)
 
     return await to_thread.run_sync(cancel, limiter=service.stopping)

@@ -17,6 +17,7 @@ from service.api.schemas.cell import CellResource, PlanRequest, cell_resource
 from service.api.schemas.cell_geometry import CellGeometry, cell_geometry
 from service.api.schemas.viewpoint_plan import PlanDocument
 from service.logs.request_time import arrival_time
+from service.security.auth.caller import caller_of
 
 router = APIRouter(prefix="/api", tags=["cell"])
 
@@ -57,7 +58,8 @@ async def stop_cell(request: Request, service: Service) -> CellResource:
     A running live scan or calibration is aborted; it ends a moment after the answer. An earlier request that does not
     move the arm yet is refused.
     """
-    stopped = await to_thread.run_sync(service.jobs.stop_arm, limiter=service.stopping)
+    by = caller_of(request).token_name
+    stopped = await to_thread.run_sync(service.jobs.stop_arm, by, limiter=service.stopping)
     request.state.stopped_scan = stopped  # for logs
     # without the database and the disk, because a locked or slow one must not delay the next stop
     warnings = calibration_warnings(None, service.jobs.drift.latest, service.store.calibrations)
@@ -87,9 +89,10 @@ _ACKNOWLEDGE[409]["headers"] = _AGAIN
 
 
 @router.post("/cell/acknowledge", responses=_ACKNOWLEDGE)
-def acknowledge_fault(service: Service) -> CellResource:
+def acknowledge_fault(request: Request, service: Service) -> CellResource:
     """Confirm that a person has inspected the cell after a fault. This unlocks a protective stop. Nothing moves."""
     service.cell.acknowledge()
+    service.jobs.interventions.record_acknowledgement(caller_of(request).token_name)
     return _current_resource(service)
 
 
@@ -147,4 +150,5 @@ def _resource(service: Context, in_use: _CalibrationInUse) -> CellResource:
     status = service.cell.status
     if in_use.hand_eye is not None:
         status = replace(status, hand_eye=in_use.hand_eye)
-    return cell_resource(status, service.cell.settings, service.jobs.using_arm, in_use.warnings)
+    jobs = service.jobs
+    return cell_resource(status, service.cell.settings, jobs.using_arm, in_use.warnings, jobs.interventions)

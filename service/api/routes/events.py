@@ -167,7 +167,7 @@ def _subscribe(request: Request, service: Context, topic: str | None) -> Iterato
         raise ProblemError("not-ready", "the service is stopping")
     caller = known_caller(request.scope)
     with (
-        service.streams.acquire(None if caller is None or caller.local else caller.name),
+        service.streams.acquire(None if caller is None else caller.token_name),
         hub.subscribe(topic) as subscriber,
     ):
         yield subscriber

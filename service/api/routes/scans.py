@@ -34,6 +34,7 @@ from service.jobs.submission import Requester
 from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
 from service.processing.results import check_radius
+from service.security.auth.caller import caller_of
 from service.states import ACTIVE_STATES
 from service.storage.removal import remove
 from service.storage.rows import RecordingRow, ScanRow
@@ -156,11 +157,11 @@ async def get_scan(id: Id, service: Service) -> Response:  # noqa: A002 (the pat
 
 
 @router.post("/{id}/cancel", responses=problem_responses("scan-not-found", "not-cancellable", "invalid-request"))
-async def cancel_scan(id: Id, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
+async def cancel_scan(id: Id, request: Request, service: Service) -> ScanResource:  # noqa: A002 (the path's own name)
     """Cancel a scan. The scan may have ended just before; the answer has its state."""
 
     def cancel() -> ScanResource:
-        service.jobs.cancel(id, lambda: find_scan(id, service))
+        service.jobs.cancel(id, lambda: find_scan(id, service), caller_of(request).token_name)
         return _resource(find_scan(id, service), service)
 
     return await to_thread.run_sync(cancel, limiter=service.stopping)

@@ -15,6 +15,7 @@ from cell.planning.viewpoints import ViewpointPlan
 from service.api.schemas.base import ApiModel
 from service.api.schemas.calibration import CellWarning
 from service.api.schemas.scans import ViewChoice
+from service.jobs.interventions import Intervention, Interventions
 
 Matrix = list[list[float]]
 MAX_STATE_AGE_S = 3.0
@@ -91,6 +92,15 @@ class ViewpointsResource(ApiModel):
     """The part of the workspace that the reachable viewpoints do not show well, if any."""
 
 
+class InterventionResource(ApiModel):
+    """A stop of the arm, or the acknowledgement of a fault."""
+
+    at: str
+    """Time, RFC 3339."""
+    by: str | None
+    """Name of the caller. Null if it needs no token, and for a stop by the service itself."""
+
+
 class CellResource(ApiModel):
     """The last known state of the cell. Reading it contacts no device."""
 
@@ -110,6 +120,10 @@ class CellResource(ApiModel):
     """Null until viewpoints were planned."""
     warnings: list[CellWarning]
     """Conditions that need attention, for example a drift of the camera from its calibration."""
+    last_stop: InterventionResource | None
+    """The last stop of the arm since the service started."""
+    last_acknowledgement: InterventionResource | None
+    """The last acknowledgement of a fault since the service started."""
 
 
 def viewpoints_resource(plan: ViewpointPlan) -> ViewpointsResource:
@@ -133,7 +147,11 @@ class PlanRequest(ApiModel):
 
 
 def cell_resource(
-    status: CellStatus, settings: CellSettings, using_arm: str | None, warnings: list[CellWarning]
+    status: CellStatus,
+    settings: CellSettings,
+    using_arm: str | None,
+    warnings: list[CellWarning],
+    interventions: Interventions,
 ) -> CellResource:
     """Return the cell as a document.
 
@@ -142,6 +160,7 @@ def cell_resource(
         settings: Settings of the cell.
         using_arm: Description of the accepted scan or calibration that has not ended. None if there is none.
         warnings: Conditions that need attention.
+        interventions: The last stop and the last acknowledgement.
     """
     if status.state == "ready" and using_arm is not None:
         status = replace(status, state="busy", slug="cell-busy", reason=f"{using_arm} is under way")
@@ -189,4 +208,10 @@ def cell_resource(
         ),
         viewpoints=None if plan is None else viewpoints_resource(plan),
         warnings=warnings,
+        last_stop=_intervention_resource(interventions.stop),
+        last_acknowledgement=_intervention_resource(interventions.acknowledgement),
     )
+
+
+def _intervention_resource(intervention: Intervention | None) -> InterventionResource | None:
+    return None if intervention is None else InterventionResource(at=intervention.at, by=intervention.by)

@@ -42,7 +42,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
             fraction=row.fraction,
             views=[ViewProgress(index=view.view, state=view.state, reason=view.reason) for view in views],
             elapsed_s=elapsed_s,
-            remaining_s=None if elapsed_s is None else _remaining(row, elapsed_s),
+            remaining_s=None if elapsed_s is None else _remaining(row, views, elapsed_s),
         ),
         created_at=row.created_at,
         started_at=row.started_at,
@@ -74,14 +74,25 @@ def _elapsed(row: ScanRow) -> float | None:
     return round(max((datetime.now(UTC) - started).total_seconds(), 0.0), 1)
 
 
-def _remaining(row: ScanRow, elapsed_s: float) -> float | None:
-    expected_s = (row.timing or {}).get("expected_to_model")
-    return None if expected_s is None else round(max(expected_s - elapsed_s, 0.0), 1)
+def _remaining(row: ScanRow, views: Sequence[ViewRow], elapsed_s: float) -> float | None:
+    """Return the expected time until the model, seconds.
 
-
-def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
+    If the recorded views took longer than planned, the rest is expected to take longer by the same factor.
+    """
     timing = row.timing or {}
-    durations = [
+    expected_s = timing.get("expected_to_model")
+    if expected_s is None:
+        return None
+    taken = [durations.move + durations.settle + durations.exposure for durations in _view_durations(views)]
+    planned = timing.get("expected_to_views", [])[: len(taken)]
+    planned_s, taken_s = (planned[-1], sum(taken)) if planned else (0.0, 0.0)
+    slower = max(taken_s / planned_s, 1.0) if planned_s > 0 else 1.0
+    return round(max(taken_s + slower * (expected_s - planned_s) - elapsed_s, 0.0), 1)
+
+
+def _view_durations(views: Sequence[ViewRow]) -> list[ViewDurations]:
+    """Return the durations of the recorded views."""
+    return [
         ViewDurations(
             index=view.view,
             move=round(view.move_s, 3),
@@ -91,9 +102,13 @@ def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
         for view in views
         if view.move_s is not None and view.settle_s is not None and view.exposure_s is not None
     ]
+
+
+def _timing(row: ScanRow, views: Sequence[ViewRow]) -> ScanTiming:
+    timing = row.timing or {}
     return ScanTiming(
         **{name: timing.get(name) for name in DURATIONS},
-        views=durations,
+        views=_view_durations(views),
         recognition=timing.get("recognition", {}),
     )
 

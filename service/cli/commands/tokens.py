@@ -181,7 +181,7 @@ def _write_audit_entry(data_dir: Path, what: str) -> None:
 
     problem = record_command(data_dir, what)
     if problem is not None:
-        print(f"the change was made, but the audit log has no entry of it: {problem}", file=sys.stderr)
+        print(f"the change was made; the audit log has no entry of it: {problem}", file=sys.stderr)
 
 
 def _fail(command: str, error: Exception) -> int:

@@ -30,7 +30,7 @@ def record_command(data_dir: Path, what: str) -> str | None:
     """
     path = data_dir / DATABASE
     if not path.is_file():
-        return f"there is no {path} yet"
+        return "it begins when the service first starts"
     # A user who may change the data folder may do everything, like a local client without tokens.
     entry = Entry(now(), COMMAND_LINE, LOCAL.role, what, None, UNKNOWN, 0, None)
     try:

@@ -32,6 +32,11 @@ class Caller:
         """Whether the caller is on this machine and needs no token, because there is none."""
         return self is LOCAL
 
+    @property
+    def token_name(self) -> str | None:
+        """Name of the caller's token, or None if the caller needs no token."""
+        return None if self.local else self.name
+
 
 LOCAL = Caller("local", "maintainer")
 """Every client on this machine while there is no token. No token may have this name."""

@@ -46,6 +46,7 @@ DOCUMENTS: dict[type, str] = {
     client.GraspMotion: "GraspMotionDocument",
     client.GraspReach: "ReachDocument",
     client.HeightMap: "HeightMapDocument",
+    client.Intervention: "InterventionResource",
     client.Model: "ModelDocument",
     client.PData: "PDataDocument",
     client.Problem: "Problem",

@@ -50,11 +50,17 @@ def test_a_maintainer_acknowledges_a_protective_stop_after_checking(open_console
     expect(operator.get_by_role("button", name="Acknowledge")).to_have_count(0)
     expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_disabled()
 
+    scan = operator.get_by_role("button", name="Scan: the arm will move")
+    before = scan.bounding_box()
     acknowledge_when_possible(acknowledge, maintainer.get_by_role("region", name="Fault"))
     for page in (operator, maintainer):
+        expect(page.get_by_role("status").filter(has_text="an-maintainer acknowledged the fault at")).to_be_visible()
         expect(page.get_by_role("region", name="Fault")).to_have_count(0)
         expect(page.get_by_role("banner")).to_contain_text("Acknowledged: connect, or start a live scan")
-    expect(operator.get_by_role("button", name="Scan: the arm will move")).to_be_enabled()
+    expect(scan).to_be_enabled()
+    assert scan.bounding_box() == before, "the page moved under a person who did nothing"
+    operator.get_by_role("button", name="Close").click()
+    expect(operator.get_by_text("acknowledged the fault")).to_have_count(0)
     cell.make_ready()
 
 

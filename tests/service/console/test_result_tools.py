@@ -51,14 +51,14 @@ def test_all_files_of_a_result_are_saved(open_console: Open, crossed: ServedClie
         assert download(page, files.get_by_role("link", name=name)) == (f"{scan['id']}{ending}", content)
 
     name, table = download(page, files.get_by_role("button", name="Centre lines (CSV)"))
-    assert name == f"{scan['id']}-centre-lines.csv"
+    assert name == f"{scan['id']}-simulated-centre-lines.csv"
     expected = to_csv(original_model(crossed))
     assert rows(table)[0] == rows(expected)[0]
     np.testing.assert_array_equal(numbers(table), numbers(expected))
 
     save_picture = files.get_by_role("button", name="Picture as shown (PNG)")
     name, with_labels = download(page, save_picture)
-    assert name == f"{scan['id']}.png"
+    assert name == f"{scan['id']}-simulated.png"
     page.locator("canvas").scroll_into_view_if_needed()
     shown = page.locator("canvas").screenshot()
     page.get_by_label("Labels", exact=True).uncheck()

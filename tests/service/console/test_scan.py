@@ -150,6 +150,27 @@ def test_a_scan_is_cancelled(open_console: Open, cell: Cell) -> None:
     cell.make_ready()
 
 
+def test_the_views_of_a_stopped_scan_are_recognised_at_once(open_console: Open, cell: Cell) -> None:
+    page = open_console(cell.live.client, token=cell.tokens["operator"]).page
+    page.get_by_label("String radius, in mm", exact=True).fill("4.2")
+    page.get_by_role("button", name="Scan: the arm will move").click()
+    expect(page.get_by_role("region", name="Scan in progress")).to_contain_text("4 of 8 views recorded")
+    page.get_by_role("button", name="STOP the arm").click()
+    stopped = page.get_by_role("region", name="After a stop")
+    expect(stopped).to_contain_text(re.compile(r"Stopped at \d\d:\d\d:\d\d by an-operator\."))
+    last = page.get_by_role("region", name="The last scan")
+    expect(last).to_contain_text("The arm was stopped by an-operator.")
+    last.get_by_role("button", name="Recognise again").click()
+    expect(page.get_by_role("region", name="Verdict")).to_contain_text("Recognised again")
+    wait_until_drawn(page)
+    shown = page.url
+    page.keyboard.press("1")
+    page.keyboard.press("2")
+    expect(page.get_by_role("region", name="Verdict")).to_be_visible()
+    assert page.url == shown, "the table of the stopped scan is newer than that of the last complete scan"
+    cell.make_ready()
+
+
 def test_a_recording_is_added_and_recognised(open_console: Open, client: ServedClient, recording_file: Path) -> None:
     page = open_console(client).page
     page.get_by_label("A recording of an earlier scan").check()

@@ -129,14 +129,17 @@ def test_only_a_person_acknowledges_a_protective_stop(
         assert cell.client.post("/api/viewpoints/plan", json={"views": 2}).status_code == 200
         assert_problem(cell.client.post("/api/scans", json=SCAN), 409, "acknowledge-required")
         assert_problem(cell.client.post("/api/cell/connect"), 409, "acknowledge-required")
+        earlier = cell.state()["last_acknowledgement"]
         wait_until(lambda until_s=stopped_s + early_s: time.monotonic() >= until_s)
         answer = cell.client.post("/api/cell/acknowledge")
         assert "try again in" in assert_problem(answer, 409, "too-early")
         assert answer.headers["Retry-After"] in ("1", "2")
+        assert cell.state()["last_acknowledgement"] == earlier, "it was refused"
         assert unlock_times(cell, since) == []
         wait_until(lambda until_s=stopped_s + UNLOCK_S + 0.1: time.monotonic() >= until_s)
         answer = cell.client.post("/api/cell/acknowledge")
         assert (answer.status_code, answer.json()["state"]) == (200, "not_ready"), answer.text
+        assert answer.json()["last_acknowledgement"]["at"] > ("" if earlier is None else earlier["at"])
         (unlocked_s,) = unlock_times(cell, since)
         assert unlocked_s - stopped_s >= UNLOCK_S
         # The program was ended before, so the old move cannot continue.

@@ -130,6 +130,16 @@ class CellWarning:
     """Description for people, with what to do."""
 
 
+@dataclass(frozen=True)
+class Intervention:
+    """A stop of the arm, or the acknowledgement of a fault."""
+
+    at: str
+    """Time, RFC 3339."""
+    by: str | None
+    """Name of the caller. None if it needs no token, and for a stop by the service itself."""
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """The last known state of the cell. Reading it contacts no device."""
@@ -155,3 +165,7 @@ class Cell:
     """The last plan of viewpoints. None until viewpoints were planned."""
     warnings: tuple[CellWarning, ...]
     """Conditions that need attention, for example a drift of the camera from its calibration."""
+    last_stop: Intervention | None = None
+    """The last stop of the arm since the service started."""
+    last_acknowledgement: Intervention | None = None
+    """The last acknowledgement of a fault since the service started."""

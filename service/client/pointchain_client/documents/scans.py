@@ -69,7 +69,7 @@ class Progress:
     elapsed_s: float | None = None
     """Time since the first move of a live scan, seconds. None before it, and when the scan has ended."""
     remaining_s: float | None = None
-    """Expected time until the model, seconds. None where `elapsed_s` is."""
+    """Expected time until the model, seconds, 0 if the scan takes longer. None where `elapsed_s` is."""
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,13 @@ def test_a_token_in_an_address_is_refused_even_if_it_is_valid(
     assert token not in answer.text + caplog.text
 
 
+def test_the_cell_says_who_stopped_the_arm(guarded: Guarded) -> None:
+    for role in ("viewer", "operator"):
+        stopped = guarded.client.post("/api/cell/stop", headers=guarded.headers[role]).json()
+        assert stopped["last_stop"]["by"] == role
+    assert guarded.client.get("/api/cell", headers=guarded.headers["viewer"]).json()["last_stop"] == stopped["last_stop"]
+
+
 def test_a_viewer_stops_the_arm_while_the_database_is_locked_and_all_threads_are_busy(
     guarded: Guarded, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,14 +1,17 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { api, longCall, resultOf } from "../net/api";
 import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
+import { running } from "../state/scans";
 import { canMaintain } from "../state/session";
 import { refreshNow } from "../state/updates";
-import { problemTitle } from "../texts/problem";
+import { clock } from "../texts/format";
+import { isSafetyStop, problemTitle } from "../texts/problem";
 import { sentence } from "../texts/sentence";
 import { findText, t } from "../texts/translate";
 import { Failed, useAction } from "../ui/action";
 import { WhatToDo } from "../ui/manual";
+import { withoutAdvice } from "./status";
 import { Original } from "../ui/original";
 
 /** Return what to check before a fault is acknowledged: the texts 1, 2, ... of its problem. */
@@ -21,18 +24,76 @@ function checksOf(slug: string): string[] {
   }
 }
 
-/** After a fault, on every screen: what happened, what to check and, for a maintainer, the acknowledgement. */
+/** After a fault, on every screen: what to do, and then that it is acknowledged. */
 export function Fault() {
-  if (cell.value?.state !== "fault") return null;
+  const place = useRef<HTMLDivElement>(null);
+  const height_px = useRef(0);
+  const [seen, setSeen] = useState(false);
+  const active = cell.value?.state === "fault";
+  const scans = running.value !== null;
+  useEffect(() => {
+    if (active) setSeen(true);
+    else if (scans) setSeen(false);
+  }, [active, scans]);
+  useEffect(() => {
+    if (!active || place.current === null) return;
+    const resized = new ResizeObserver(([entry]) => {
+      // Its last change is that to the lower panel of an acknowledged fault.
+      if (cell.value?.state === "fault") height_px.current = entry?.contentRect.height ?? 0;
+    });
+    resized.observe(place.current);
+    return () => resized.disconnect();
+  }, [active]);
+  const acknowledged = cell.value?.last_acknowledgement;
+  return (
+    <div ref={place}>
+      {active ? (
+        <ActiveFault />
+      ) : (
+        seen &&
+        !scans &&
+        acknowledged && <Acknowledged {...acknowledged} height_px={height_px.current} close={() => setSeen(false)} />
+      )}
+    </div>
+  );
+}
+
+interface AcknowledgedProps {
+  /** Time, RFC 3339. */
+  at: string;
+  /** Who acknowledged; null: not known. */
+  by: string | null;
+  /** Height of the panel of the fault. The page does not move when somebody acknowledges elsewhere. */
+  height_px: number;
+  close: () => void;
+}
+
+/** In place of the fault, until it is closed: who acknowledged it, and when. */
+function Acknowledged({ at, by, height_px, close }: AcknowledgedProps) {
+  const time = clock(new Date(at));
+  return (
+    <div class="panel acknowledged" style={{ minHeight: `${height_px}px` }}>
+      <p role="status">
+        {by === null ? t("fault.acknowledged_at", { time }) : t("fault.acknowledged_by", { time, name: by })}
+      </p>
+      <button type="button" onClick={close}>
+        {t("common.close")}
+      </button>
+    </div>
+  );
+}
+
+/** What happened, what to check and, for a maintainer, the acknowledgement. */
+function ActiveFault() {
   const slug = problemSlug.value;
-  const reason = cell.value.reason ?? t("fault.title");
+  const reason = withoutAdvice(cell.value?.reason ?? t("fault.title"));
   const title = sentence(problemTitle(slug, reason));
   const specific = checksOf(slug ?? "");
   const checks = specific.length > 0 ? specific : checksOf("motion-failed");
   return (
     <section class="panel fault" aria-label={t("fault.region")}>
       <h2>{title}</h2>
-      <Original shown={title} text={sentence(reason)} />
+      {!isSafetyStop(slug) && <Original shown={title} text={sentence(reason)} />}
       <p>{t("fault.intro")}</p>
       <ol>
         {checks.map((check) => (
@@ -40,7 +101,7 @@ export function Fault() {
         ))}
       </ol>
       <p>
-        <WhatToDo problem={cell.value.problem} />
+        <WhatToDo problem={cell.value?.problem ?? null} />
       </p>
       {canMaintain.value ? <Acknowledge /> : <p class="note warn">{t("fault.ask_maintainer")}</p>}
     </section>

@@ -100,9 +100,9 @@ function State() {
   );
 }
 
-/** Return a reason of the service without its advice to those who may scan. */
+/** Return a reason of the service without its advice, which the page gives in its own words. */
 export function withoutAdvice(reason: string): string {
-  return reason.replace(/: connect, or start a live scan$/, "");
+  return reason.replace(/: connect, or start a live scan$/, "").replace(/^look at the cell and acknowledge first: /, "");
 }
 
 /** Return what the scan does that runs, or was asked for; null: there is none. */
@@ -115,7 +115,8 @@ function activityText(): string | null {
 /** Return how long the running scan will take to its model; null: not known. */
 function timeText(): string | null {
   const { remaining } = scanTime.value;
-  return remaining === null ? null : t("state.time_to_model", { seconds: Math.ceil(remaining) });
+  if (remaining === null) return null;
+  return remaining > 0 ? t("state.time_to_model", { seconds: Math.ceil(remaining) }) : t("state.late");
 }
 
 /** Return a text that continues a sentence. */

@@ -3,6 +3,7 @@ import { lost } from "../state/freshness";
 import { requesting, running } from "../state/scans";
 import { canOperate } from "../state/session";
 import { sentence } from "../texts/sentence";
+import { clock } from "../texts/format";
 import { t } from "../texts/translate";
 import { reasonText, withoutAdvice } from "./status";
 import { WhatToDo } from "../ui/manual";
@@ -18,6 +19,7 @@ export function Stopped({ open }: { open: boolean }) {
       <details key={String(open)} open={open}>
         <summary>{title}</summary>
         <Original shown={title} text={sentence(withoutAdvice(cell.value.reason ?? ""))} />
+        <Who />
         <p>{t("stopped.holds")}</p>
         <ol>
           <li>{t("stopped.find_out")}</li>
@@ -30,4 +32,12 @@ export function Stopped({ open }: { open: boolean }) {
       </details>
     </section>
   );
+}
+
+/** Who stopped the arm, and when. */
+function Who() {
+  const stop = cell.value?.last_stop;
+  if (!stop) return null;
+  const time = clock(new Date(stop.at));
+  return <p>{stop.by === null ? t("stopped.at", { time }) : t("stopped.by", { time, name: stop.by })}</p>;
 }

@@ -1,10 +1,10 @@
 import { useEffect, useState } from "preact/hooks";
-import { api, longCall, resultOf, type Method, type Scan } from "../net/api";
+import type { Method, Scan } from "../net/api";
 import { addressOf } from "../route";
 import { parseRadius, RadiusField, radiusMetres, radiusText } from "../scan/radius_field";
 import { calibrating } from "../state/cell";
-import { latest, running, show } from "../state/scans";
-import { refreshNow } from "../state/updates";
+import { recogniseAgain } from "../state/recognise_again";
+import { latest, running } from "../state/scans";
 import { problemDetail } from "../texts/problem";
 import { hasModel, isActive, outcome } from "../texts/states";
 import { t } from "../texts/translate";
@@ -21,12 +21,7 @@ export function Reprocess({ scan }: { scan: Scan }) {
   const radius = parseRadius(text);
 
   async function start(): Promise<void> {
-    const body = { method, string_radius_m: radiusMetres(radius) };
-    const params = { path: { id: scan.id } };
-    const created = await resultOf(api.POST("/api/scans/{id}/reprocess", { params, body, ...longCall }));
-    setStarted(created);
-    show(created);
-    refreshNow();
+    setStarted(await recogniseAgain(scan, { method, string_radius_m: radiusMetres(radius) }));
   }
 
   // The page follows only the newest scan, so the last known state of this one is kept here.

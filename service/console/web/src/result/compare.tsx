@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
-import { api, longCall, resultOf, type Method, type Model, type Scan } from "../net/api";
-import { refreshNow } from "../state/updates";
-import { changes, running, show } from "../state/scans";
+import { api, resultOf, type Method, type Model, type Scan } from "../net/api";
+import { recogniseAgain } from "../state/recognise_again";
+import { changes, running } from "../state/scans";
 import { canOperate } from "../state/session";
 import { Act, Failed, useAction } from "../ui/action";
 import { useQuery } from "../ui/use_query";
@@ -138,10 +138,8 @@ function OtherMethod({ scan, method, done, shown, add, remove }: OtherProps) {
         action={action}
         disabled={running.value !== null}
         work={async () => {
-          const params = { path: { id: scan.id } };
-          show(await resultOf(api.POST("/api/scans/{id}/reprocess", { params, body: { method }, ...longCall })));
+          await recogniseAgain(scan, { method });
           setRequested(true);
-          refreshNow();
         }}
       >
         {requested && running.value !== null

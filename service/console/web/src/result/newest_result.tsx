@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import { api, resultOf } from "../net/api";
+import { api, resultOf, type Scan } from "../net/api";
 import { addressOf, replaceRoute } from "../route";
 import { changes } from "../state/scans";
 import { rich, t } from "../texts/translate";
@@ -15,7 +15,7 @@ export function NewestResult() {
   const failure = useQuery(
     () => resultOf(api.GET("/api/scans", { params: { query: { state: ["succeeded", "partial"], limit: LISTED } } })),
     ({ scans }) => {
-      const newest = scans.find((scan) => scan.source === null) ?? scans[0];
+      const newest = newestOf(scans);
       if (newest !== undefined) replaceRoute("result", newest.id);
       setNone(newest === undefined);
     },
@@ -29,5 +29,18 @@ export function NewestResult() {
       {none ? <p>{rich("result.none", { link })}</p> : failure === null && <p>{t("result.loading")}</p>}
       <Failed failure={failure} />
     </>
+  );
+}
+
+/**
+ * Return the scan that shows the newest table, first of all its own result. One that was recognised again shows the
+ * table at the time of its recording, whose ID rises with time.
+ */
+function newestOf(scans: readonly Scan[]): Scan | undefined {
+  const key = ({ id, source, recording }: Scan) => (source === null ? id : (recording ?? ""));
+  const [first, ...others] = scans;
+  return others.reduce(
+    (newest, scan) => (newest === undefined || key(scan) > key(newest) || (key(scan) === key(newest) && scan.source === null) ? scan : newest),
+    first,
   );
 }

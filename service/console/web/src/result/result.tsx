@@ -2,7 +2,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { Badge } from "../bar/status";
 import type { Model, Scan } from "../net/api";
 import { when } from "../texts/format";
-import { isElsewhere, kindOf, outcome } from "../texts/states";
+import { isActive, isElsewhere, kindOf, outcome } from "../texts/states";
 import { rich, t } from "../texts/translate";
 import { Failed } from "../ui/action";
 import { pointAt } from "../view3d/arc_length";
@@ -19,6 +19,7 @@ import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
 import { listedGrasps } from "./data/listed_grasps";
 import { Measuring, measuredTo } from "./tools/measuring";
+import { latest } from "../state/scans";
 import { NewestResult } from "./newest_result";
 import { type Position, positionOf } from "./tools/position";
 import { keepBelowBar, reveal, revealBeside } from "./reveal";
@@ -31,6 +32,7 @@ import { useReach } from "./data/use_reach";
 import { useResult } from "./data/use_result";
 import { Verdict } from "./verdict";
 
+const { Component: Progress } = onDemand(async () => (await import("../scan/progress")).Progress);
 const { Component: More } = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 
@@ -69,10 +71,13 @@ function Result({ id }: { id: string }) {
     if (selected.current !== null) revealBeside(selected.current);
   }, [selection]);
   useEffect(() => (drawn.current === null ? undefined : keepBelowBar(drawn.current)), []);
-  const show = (target: Target) => {
-    select({ target, turn: true });
+  const revealPicture = () => {
     const canvas = drawn.current?.querySelector("canvas");
     if (canvas) reveal(canvas); // on a narrow screen the picture is above the lists
+  };
+  const show = (target: Target) => {
+    select({ target, turn: true });
+    revealPicture();
   };
 
   return (
@@ -82,7 +87,7 @@ function Result({ id }: { id: string }) {
       ) : (
         <header class="verdict">
           <h1>{t("result.title")}</h1>
-          {scan !== null && <Description scan={scan} />}
+          {scan !== null && <WithoutModel scan={latest.value?.id === id ? latest.value : scan} />}
         </header>
       )}
       <div class="doubts">
@@ -121,7 +126,10 @@ function Result({ id }: { id: string }) {
               model={model}
               target={selection.target}
               select={select}
-              measureFrom={measureFrom}
+              measureFrom={(position) => {
+                measureFrom(position);
+                revealPicture(); // where the second point is selected, and the distance is written
+              }}
             />
           )}
         </div>
@@ -141,7 +149,10 @@ function Result({ id }: { id: string }) {
             views={views}
             view={view}
             earlier={earlier}
-            setEarlier={setEarlier}
+            setEarlier={(chosen) => {
+              setEarlier(chosen);
+              if (chosen !== null) revealPicture();
+            }}
             others={others}
             setOthers={setOthers}
             selection={selection}
@@ -153,8 +164,9 @@ function Result({ id }: { id: string }) {
   );
 }
 
-/** The outcome of a scan without a model. */
-function Description({ scan }: { scan: Scan }) {
+/** The progress of a scan that runs, or the outcome of one without a model. */
+function WithoutModel({ scan }: { scan: Scan }) {
+  if (isActive(scan.state)) return <Progress scan={scan} />;
   const { word, tone } = outcome(scan);
   return (
     <p>

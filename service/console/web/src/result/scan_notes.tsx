@@ -2,6 +2,7 @@ import type { Scan } from "../net/api";
 import { addressOf } from "../route";
 import { RadiusWarning } from "../scan/radius_warning";
 import { RecordingName } from "../scan/recording_name";
+import { calibration } from "../state/cell";
 import { latestOriginal } from "../state/scans";
 import { when } from "../texts/format";
 import { problemDetail } from "../texts/problem";
@@ -29,6 +30,7 @@ export function ScanNotes({ scan, isEarlier }: ScanNotesProps) {
         <p class="note warn">{rich("result.recording", { name: <RecordingName id={scan.recording} />, strong })}</p>
       )}
       <NewerScanNote than={scan} />
+      <CalibrationNote scan={scan} />
       {hasModel(scan) && <RadiusWarning scan={scan} />}
       {isEarlier && <EarlierReleaseNote scan={scan} />}
     </>
@@ -44,6 +46,15 @@ function EarlierReleaseNote({ scan }: { scan: Scan }) {
       {scan.links.reprocess !== null && rich("result.earlier_release_again", { link })}
     </p>
   );
+}
+
+/** Warns that nobody knows how good the calibration of a scan is: the strings may be right, and yet be elsewhere. */
+function CalibrationNote({ scan }: { scan: Scan }) {
+  const used = calibration.value?.calibration;
+  if (scan.simulated !== false || scan.calibration_sha256 === null || !hasModel(scan)) return null;
+  if (!used || used.sha256 !== scan.calibration_sha256 || used.verdict !== null) return null;
+  const link = (content: preact.ComponentChildren) => <a href={addressOf("calibration")}>{content}</a>;
+  return <p class="note warn">{rich("result.calibration_not_judged", { strong, link })}</p>;
 }
 
 /** Warns that there is a newer scan: the table may have changed since this one. */

@@ -21,7 +21,7 @@ export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
       <h1>{foundText(strings, model.crossings.length)}</h1>
       <p class="meaning">
         {meaningOf(model)} {used > 0 && t("result.verdict.views", { count: used })}{" "}
-        {partial && t("result.verdict.views_missing")}
+        {partial && missingText(scan)}
       </p>
       <p class="small">
         {t("scan.last.description", {
@@ -37,4 +37,11 @@ export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
 function meaningOf({ chains, quality: { verdict } }: Model): string {
   if (chains.length > 0 || verdict === "refuse") return t(`result.verdict.${verdict}`);
   return verdict === "review" ? t("result.verdict.no_string_review") : "";
+}
+
+/** Say which views a scan lacks, if that is known. */
+function missingText({ progress }: Scan): string {
+  const missing = progress.views.filter((view) => view.state === "missing").map((view) => view.index);
+  if (missing.length === 0) return t("result.verdict.views_missing");
+  return t("result.verdict.missing", { count: missing.length, indices: missing.join(", ") });
 }

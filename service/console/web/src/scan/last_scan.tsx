@@ -1,10 +1,14 @@
 import { Badge } from "../bar/status";
 import type { Scan } from "../net/api";
-import { addressOf } from "../route";
+import { addressOf, go } from "../route";
+import { recogniseAgain } from "../state/recognise_again";
+import { calibrating } from "../state/cell";
+import { running } from "../state/scans";
 import { canOperate } from "../state/session";
 import { when } from "../texts/format";
 import { foundText, hasModel, isElsewhere, kindOf, outcome, recordedViews, tooFew } from "../texts/states";
 import { t } from "../texts/translate";
+import { Act, Failed, useAction } from "../ui/action";
 import { Doubts } from "../ui/doubts";
 import { EndReason } from "../ui/end_reason";
 import { SimulatedMark } from "../ui/simulated";
@@ -16,6 +20,7 @@ export function LastScan({ scan }: { scan: Scan }) {
   const { word, tone } = outcome(scan);
   const { summary, problem } = scan;
   const { to_model, to_home } = scan.timing_s;
+  const action = useAction();
   return (
     <section class="panel" aria-label={t("scan.last.region")}>
       <h2>
@@ -44,11 +49,17 @@ export function LastScan({ scan }: { scan: Scan }) {
           </a>
         )}
         {!hasModel(scan) && scan.links.reprocess !== null && !tooFew(scan) && canOperate.value && (
-          <a class="button" href={addressOf("history", scan.id)}>
+          <Act
+            action={action}
+            doing={t("common.starting")}
+            disabled={running.value !== null || calibrating.value}
+            work={async () => go("result", (await recogniseAgain(scan)).id)}
+          >
             {t("scan.last.use_recorded")}
-          </a>
+          </Act>
         )}
       </p>
+      <Failed failure={action.failure} />
       {scan.mode === "live" && !hasModel(scan) && <p>{t("scan.last.recorded_views", { count: recordedViews(scan) })}</p>}
       {scan.mode === "live" && scan.state === "interrupted" && <p class="note warn">{t("scan.last.interrupted")}</p>}
     </section>

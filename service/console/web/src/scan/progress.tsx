@@ -16,7 +16,6 @@ export function Progress({ scan }: { scan: Scan }) {
   const moving = movingText(scan);
   const { fraction } = scan.progress;
   const { elapsed, remaining } = scanTime.value;
-  const done = elapsed === null || remaining === null ? fraction : Math.min(0.99, elapsed / (elapsed + remaining));
   return (
     <section class="panel" aria-label={t("scan.progress.region")}>
       <h2>
@@ -26,12 +25,14 @@ export function Progress({ scan }: { scan: Scan }) {
         <SimulatedMark scan={scan} />
       </h2>
       <div class="done">
-        <progress max={1} value={done} aria-label={t("common.progress")} />
-        <span>{percent(done)}</span>
+        <progress max={1} value={fraction} aria-label={t("common.progress")} />
+        <span>{percent(fraction)}</span>
       </div>
       {elapsed !== null && remaining !== null && (
         <p class="small">
-          {t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })}
+          {remaining > 0
+            ? t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })
+            : t("scan.progress.late", { elapsed: Math.round(elapsed) })}
         </p>
       )}
       {moving !== null && <p>{moving}</p>}

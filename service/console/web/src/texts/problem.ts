@@ -9,6 +9,11 @@ export function slugOf(problem: { type: string } | string): string {
   return (typeof problem === "string" ? problem : problem.type).replace(URN, "");
 }
 
+/** Return whether the robot's safety system made the problem. Its details only say what to do before the acknowledgement. */
+export function isSafetyStop(slug: string | null): boolean {
+  return slug === "protective-stop" || slug === "emergency-stop";
+}
+
 /** Return the title of a problem: the catalogue's `problem.<slug>.title`, or else the service's text. */
 export function problemTitle(slug: string | null, fallback: string): string {
   return (slug === null ? undefined : findText(`problem.${slug}.title`)) ?? fallback;

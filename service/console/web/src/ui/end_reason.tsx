@@ -1,5 +1,5 @@
 import type { Problem, ScanState } from "../net/api";
-import { problemDetail, problemTitle, slugOf } from "../texts/problem";
+import { isSafetyStop, problemDetail, problemTitle, slugOf } from "../texts/problem";
 import { rich } from "../texts/translate";
 import { strong } from "./action";
 import { WhatToDo } from "./manual";
@@ -9,9 +9,10 @@ export function EndReason({ state, problem }: { state: ScanState; problem: Probl
   if (problem === null) return null;
   const slug = slugOf(problem);
   const title = problemTitle(slug, problem.title);
+  const detail = isSafetyStop(slug) ? "" : problemDetail(problem); // the acknowledgement may have been long ago
   return (
     <p class={`note ${state === "aborted" ? "warn" : "bad"}`}>
-      {rich("failure.message", { title, detail: problemDetail(problem), strong })}{" "}
+      {rich("failure.message", { title, detail, strong })}{" "}
       <WhatToDo problem={problem.type} />
     </p>
   );

@@ -1,9 +1,10 @@
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { api, resultOf, type Model, type Scan } from "../../net/api";
 import { request } from "../../net/request";
 import type { Failure } from "../../ui/action";
 import { useQuery } from "../../ui/use_query";
-import { hasModel } from "../../texts/states";
+import { changes } from "../../state/scans";
+import { hasModel, isActive } from "../../texts/states";
 import type { ViewPose } from "../../view3d/scene";
 import { completeGrasps } from "./earlier_grasps";
 import { fromSchema1, type Schema1Model } from "./schema_1";
@@ -31,7 +32,7 @@ export async function loadModel(id: string): Promise<{ model: Model; isEarlier: 
   return { model: { ...model, grasps: completeGrasps(model.grasps) }, isEarlier: false };
 }
 
-/** Load the results of a scan one after the other, the model first. */
+/** Load the results of a scan one after the other, the model first. Those of a scan that runs are loaded at its end. */
 export function useResult(id: string): Loaded & { failure: Failure | null } {
   const [loaded, setLoaded] = useState(NOTHING);
   const add = (part: Partial<Loaded>) => setLoaded((before) => ({ ...before, ...part }));
@@ -46,6 +47,11 @@ export function useResult(id: string): Loaded & { failure: Failure | null } {
     add({ cloud: await resultOf(api.GET("/api/scans/{id}/cloud.ply", { params, parseAs: "arrayBuffer", ...LONG })) });
   }
 
-  const failure = useQuery(load, () => undefined, [id]);
+  const [loadedAt, setLoadedAt] = useState(changes.value);
+  const runs = loaded.scan !== null && isActive(loaded.scan.state);
+  useEffect(() => {
+    if (runs) setLoadedAt(changes.value);
+  }, [runs, changes.value]);
+  const failure = useQuery(load, () => undefined, [id, loadedAt]);
   return { ...loaded, failure };
 }

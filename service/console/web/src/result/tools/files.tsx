@@ -25,19 +25,24 @@ export function Files({ scan, model, view }: FilesProps) {
         {model.chains.length > 0 && (
           <button
             type="button"
-            onClick={() => save(`${scan.id}-centre-lines.csv`, new Blob([centreLines(model)], { type: "text/csv" }))}
+            onClick={() => save(nameOf(scan, "-centre-lines.csv"), new Blob([centreLines(model)], { type: "text/csv" }))}
           >
             {t("files.centre_lines")}
           </button>
         )}
         {view !== null && (
-          <button type="button" onClick={async () => save(`${scan.id}.png`, await view.picture(captionOf(scan)))}>
+          <button type="button" onClick={async () => save(nameOf(scan, ".png"), await view.picture(captionOf(scan)))}>
             {t("files.view3d")}
           </button>
         )}
       </div>
     </section>
   );
+}
+
+/** Return the name of a file that the page makes. It says whether the cell is simulated. */
+function nameOf(scan: Scan, ending: string): string {
+  return `${scan.id}${scan.simulated === true ? "-simulated" : ""}${ending}`;
 }
 
 /** Return what a saved picture shows. */
