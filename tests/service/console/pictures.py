@@ -1,7 +1,8 @@
 """Take pictures of the console, and measure first paint and loaded bytes: `make pictures`.
 
 The manual's pictures are written to `docs/images`. All main states, on a phone, a tablet and a desktop, light and dark,
-are written to `build/pictures`, for people to look at.
+are written to `build/pictures`, for people to look at. Each state must pass the rules of axe, and no text may be cut or
+covered.
 """
 
 import os
@@ -24,7 +25,9 @@ from cell.simulation.ur_controller.admin_client import AdminClient
 from service.security.auth.tokens import add_token
 from tests.cell.loopback import free_host
 from tests.service.conftest import wait_until
+from tests.service.console.boxes import assert_texts_fit
 from tests.service.console.conftest import ARGUMENTS, chromium_path, wait_until_drawn
+from tests.service.console.test_accessibility import assert_usable
 from tests.service.service_process import process
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -67,6 +70,8 @@ class States:
         self._size = size
         self._scheme: Literal["light", "dark"] = scheme
         self._count = 0
+        self.faults: list[str] = []
+        """What is wrong in the pictures, with the name of each."""
 
     @contextmanager
     def page(self, token: str | None) -> Iterator[Page]:
@@ -85,10 +90,16 @@ class States:
         context.close()
 
     def save(self, page: Page, name: str) -> None:
-        """Save the visible part of the page."""
+        """Save the visible part of the page, and check the whole page."""
         wait_for_images(page)
         self._count += 1
-        page.screenshot(path=STATES / f"{self._size}-{self._scheme}-{self._count:02}-{name}.png")
+        file = f"{self._size}-{self._scheme}-{self._count:02}-{name}.png"
+        page.screenshot(path=STATES / file)
+        for check in (assert_usable, assert_texts_fit):
+            try:
+                check(page)
+            except AssertionError as error:
+                self.faults.append(f"{file}: {error}")
 
 
 def save_states(
@@ -152,8 +163,10 @@ def save_states(
         expect(page.get_by_role("banner")).to_contain_text("State unknown: no connection")
         states.save(page, "lost-service")
         os.kill(service, signal.SIGCONT)
-    controller.reset()
-    assert cell.post("/api/cell/acknowledge").is_success
+        controller.reset()
+        assert cell.post("/api/cell/acknowledge").is_success
+        expect(page.get_by_text("acknowledged the fault at")).to_be_visible()
+        states.save(page, "acknowledged")
 
 
 def doubtful_scan(cell: httpx2.Client, file: Path) -> str:
@@ -223,17 +236,20 @@ def main() -> int:
             client.headers["Authorization"] = f"Bearer {tokens['maintainer']}"
             controller = AdminClient(host)
             doubtful = doubtful_scan(client, Path(folder) / "two-views.mcap")
+            faults = []
             for size in SIZES:
                 for scheme in SCHEMES:
-                    save_states(
-                        States(browser, address, size, scheme), client, running.pid, controller, tokens, doubtful
-                    )
+                    states = States(browser, address, size, scheme)
+                    save_states(states, client, running.pid, controller, tokens, doubtful)
+                    faults += states.faults
             controller.close()
         browser.close()
     for picture in sorted(MANUAL.glob("console-*.jpg")):
         print(f"{picture.name}: {picture.stat().st_size / 1000:.0f} kB")
     print(f"{len(list(STATES.glob('*.png')))} pictures of states in {STATES.relative_to(ROOT)}")
-    return 0
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    return 1 if faults else 0
 
 
 if __name__ == "__main__":

@@ -16,7 +16,9 @@ def test_modes_of_an_old_state_are_null(state: State) -> None:
     fresh = cell_resource(status_with_arm(state), CellSettings(), None, [], Interventions()).robot
     assert (fresh.robot_mode, fresh.safety_mode) == ("running", "normal")
     assert fresh.moving is (None if state == "fault" else False)
-    old = cell_resource(status_with_arm(state, age_s=MAX_STATE_AGE_S + 1.0), CellSettings(), None, [], Interventions()).robot
+    old = cell_resource(
+        status_with_arm(state, age_s=MAX_STATE_AGE_S + 1.0), CellSettings(), None, [], Interventions()
+    ).robot
     assert (old.robot_mode, old.safety_mode, old.moving) == (None, None, None)
     assert old.q_rad == [0.0] * 6  # the last known joints, whose age is `age_s`
     assert old.age_s == pytest.approx(MAX_STATE_AGE_S + 1.0, abs=0.5)  # the duration of the test
@@ -36,6 +38,7 @@ def test_the_last_stop_and_the_last_acknowledgement_have_a_time_and_a_caller() -
     interventions.record_acknowledgement("lee")
     interventions.record_stop(None)  # by a caller without a token
     after = cell_resource(status_with_arm("ready"), CellSettings(), None, [], interventions)
-    assert after.last_stop is not None and after.last_acknowledgement is not None
+    assert after.last_stop is not None
+    assert after.last_acknowledgement is not None
     assert (after.last_stop.by, after.last_acknowledgement.by) == (None, "lee")
     assert after.last_acknowledgement.at <= after.last_stop.at

@@ -18,10 +18,9 @@ import { Findings } from "./findings";
 import { Grasps } from "./grasps";
 import { HeightLegend } from "./height_legend";
 import { listedGrasps } from "./data/listed_grasps";
-import { Measuring, measuredTo } from "./tools/measuring";
 import { latest } from "../state/scans";
 import { NewestResult } from "./newest_result";
-import { type Position, positionOf } from "./tools/position";
+import { measuredTo, type Position, positionOf } from "./tools/position";
 import { keepBelowBar, reveal, revealBeside } from "./reveal";
 import { ScanNotes } from "./scan_notes";
 import { ToSelectedGrasp } from "./selected_grasp";
@@ -33,6 +32,7 @@ import { useResult } from "./data/use_result";
 import { Verdict } from "./verdict";
 
 const { Component: Progress } = onDemand(async () => (await import("../scan/progress")).Progress);
+const { Component: Measuring } = onDemand(async () => (await import("./tools/measuring")).Measuring);
 const { Component: More } = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 

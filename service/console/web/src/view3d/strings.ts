@@ -101,11 +101,12 @@ function drawEnds(chain: Chain, palette: Palette): Group {
   chain.ends.forEach((end, which) => {
     const s = which === 0 ? 0 : chain.length_m;
     const name = which === 0 ? "first_end" : "last_end";
+    const shown = which === 0 ? brief : t("viewer.label.last_end_of", { id: chain.id });
     const text =
       end === "free"
-        ? { brief, detail: t(`viewer.label.${name}`), kind: "chain" }
+        ? { brief: shown, ...(which === 0 ? { detail: t("viewer.label.first_end") } : {}), kind: "chain" }
         : {
-            brief: t("viewer.label.string_uncertain", { id: chain.id }),
+            brief: t("viewer.label.uncertain", { id: shown }),
             detail: t(`viewer.label.${name}_${end}`),
             kind: `chain ${end}`,
           };

@@ -1,15 +1,8 @@
-import type { Model, Scan } from "../../net/api";
+import type { Scan } from "../../net/api";
 import { mm, plusMinus } from "../../texts/format";
 import { t } from "../../texts/translate";
-import type { Target } from "../../view3d/scene";
 import { Copy } from "./copy";
-import { measure, type Measurement, type Position, positionOf } from "./position";
-
-/** Return the second position of a measurement: the selected one, unless it is the first. */
-export function measuredTo(from: Position | null, target: Target | null, model: Model | null): Position | null {
-  const to = target === null || model === null ? null : positionOf(target, model);
-  return to === null || from === null || to.name === from.name ? null : to;
-}
+import { measure, type Measurement, type Position } from "./position";
 
 interface MeasuringProps {
   scan: Scan;

@@ -74,3 +74,9 @@ function lengthsBetween(from: Position["on"], to: Position["on"]): number[] {
   if (!from.chain.closed) return [direct];
   return [direct, from.chain.length_m - direct].sort((a, b) => a - b);
 }
+
+/** Return the second position of a measurement: the selected one, unless it is the first. */
+export function measuredTo(from: Position | null, target: Target | null, model: Model | null): Position | null {
+  const to = target === null || model === null ? null : positionOf(target, model);
+  return to === null || from === null || to.name === from.name ? null : to;
+}
