@@ -1,6 +1,6 @@
 import { mm } from "../texts/format";
 import { rich, t } from "../texts/translate";
-import { heightGradient, HIGHEST_M } from "../view3d/height_colours";
+import { heightGradient, HIGHEST_M } from "../view3d/points/height_colours";
 import type { HeightMap } from "../view3d/scene";
 
 const TICKS = 4;

@@ -1,5 +1,5 @@
 import { Color } from "three";
-import { ORDER_STOPS } from "./order_colours";
+import { ORDER_STOPS } from "./strings/order_colours";
 
 /** Colour scheme of the page. */
 export type Scheme = "light" | "dark";

@@ -1,7 +1,7 @@
 import type { Model } from "../../net/api";
 import { pointText } from "../../texts/format";
 import { t } from "../../texts/translate";
-import { distance, pointAt } from "../../view3d/arc_length";
+import { distance, pointAt } from "../../view3d/strings/arc_length";
 import type { Chain, Point, Target } from "../../view3d/scene";
 
 /** A selected position that can be measured and copied. */

@@ -1,8 +1,8 @@
 import { CapsuleGeometry, Color, Group, InstancedMesh, MeshBasicMaterial, Object3D, Vector3 } from "three";
-import { t } from "../texts/translate";
+import { t } from "../../texts/translate";
 import { pieceCount, pointAt } from "./arc_length";
-import { label } from "./labels";
-import { type Chain, EARLIER_LINE, lineOf, type LineStyle, type Model, type Other } from "./scene";
+import { label } from "../labels/labels";
+import { type Chain, EARLIER_LINE, lineOf, type LineStyle, type Model, type Other } from "../scene";
 import { directionAt } from "./tubes";
 
 /** Length of a stroke and distance between strokes, in string radii. */

@@ -1,8 +1,8 @@
 import { type Object3D, type Scene, Vector3 } from "three";
 import { CSS2DObject, CSS2DRenderer } from "three/examples/jsm/renderers/CSS2DRenderer.js";
 import { inside, movedInside, overlap, rectangleBeside, type Rectangle } from "./rectangle";
-import type { Target, Point } from "./scene";
-import { pixelsAhead, type Screen, project } from "./screen";
+import type { Target, Point } from "../scene";
+import { pixelsAhead, type Screen, project } from "../camera/screen";
 
 /** The texts of a label and its target. */
 export interface LabelText {

@@ -1,5 +1,5 @@
 import { BufferAttribute, BufferGeometry, Group, Points, ShaderMaterial } from "three";
-import type { Palette } from "./palette";
+import type { Palette } from "../palette";
 import { PIXEL, SHARPNESS } from "./pixel";
 
 /** Size of a point in the scene; on the page it is 1.5 to 4 pixels wide. */

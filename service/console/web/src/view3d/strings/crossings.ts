@@ -1,11 +1,11 @@
 import { Group, InstancedMesh, MeshBasicMaterial, Object3D, TorusGeometry, Vector3 } from "three";
-import { mm, percent } from "../texts/format";
-import { t } from "../texts/translate";
+import { mm, percent } from "../../texts/format";
+import { t } from "../../texts/translate";
 import { pointAt } from "./arc_length";
-import { label } from "./labels";
-import type { Palette } from "./palette";
-import { rod } from "./rod";
-import { type Crossing, isUncertain, type Model } from "./scene";
+import { label } from "../labels/labels";
+import type { Palette } from "../palette";
+import { rod } from "../rod";
+import { type Crossing, isUncertain, type Model } from "../scene";
 
 /** In string radii: height of a crossing's stem, and radius of the ring around an uncertain crossing. */
 const [STEM, RING] = [5, 3.5];

@@ -1,8 +1,8 @@
 import { BufferAttribute, Color, Curve, TubeGeometry, Vector3 } from "three";
 import { pieceCount, pointAt, withinChain } from "./arc_length";
 import type { Piece } from "./gaps";
-import { orderColour } from "./palette";
-import type { Chain } from "./scene";
+import { orderColour } from "../palette";
+import type { Chain } from "../scene";
 
 const SIDES = 10;
 /** Limit of the rings of a chain: more would take time without a visible difference. */

@@ -1,6 +1,6 @@
 import { Matrix4, Vector3 } from "three";
-import type { HeightMap, Target } from "./scene";
-import type { Screen } from "./screen";
+import type { HeightMap, Target } from "../scene";
+import type { Screen } from "../camera/screen";
 
 /** Accuracy of a finger, pixels: points of the cloud are close together. */
 const NEAR = 10;

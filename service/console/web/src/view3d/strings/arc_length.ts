@@ -1,4 +1,4 @@
-import type { Chain, Point } from "./scene";
+import type { Chain, Point } from "../scene";
 
 /** A point on a chain's centre line. */
 export interface Spot {

@@ -1,5 +1,5 @@
 import { Matrix4 } from "three";
-import type { ArmGeometry } from "./scene";
+import type { ArmGeometry } from "../scene";
 
 /**
  * Return the frames of base and links at joint angles: `[k]` maps link k's points to base; 0 is the base, 6 the flange.

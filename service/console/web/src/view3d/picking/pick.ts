@@ -1,11 +1,11 @@
 import { Vector3 } from "three";
-import { pieceCount, vertexAt } from "./arc_length";
-import { eyeOf } from "./cameras";
-import { strandsOf } from "./crossings";
-import { handleOf } from "./grasps";
+import { pieceCount, vertexAt } from "../strings/arc_length";
+import { eyeOf } from "../cell/cameras";
+import { strandsOf } from "../strings/crossings";
+import { handleOf } from "../grasps/grasps";
 import { pickCloud, pickHeights } from "./pick_surface";
-import { type Chain, type Content, type Layer, type Target } from "./scene";
-import { pixelsAhead, type Screen, type Seen, project } from "./screen";
+import { type Chain, type Content, type Layer, type Target } from "../scene";
+import { pixelsAhead, type Screen, type Seen, project } from "../camera/screen";
 
 /** Accuracy of a finger, pixels; less where many targets are close together. */
 const [FINGER, NEAR] = [24, 14];

@@ -2,12 +2,12 @@ import {
   BufferGeometry, type Color, DoubleSide, Float32BufferAttribute, Group, Line, LineBasicMaterial, LineDashedMaterial,
   LineSegments, Mesh, MeshBasicMaterial, Vector3,
 } from "three";
-import { t } from "../texts/translate";
+import { t } from "../../texts/translate";
 import { linkFrames } from "./kinematics";
-import { label } from "./labels";
-import type { Palette } from "./palette";
+import { label } from "../labels/labels";
+import type { Palette } from "../palette";
 import { matrixOf } from "./pose";
-import type { ArmGeometry, CameraPose, Lens, Model, PlannedPath } from "./scene";
+import type { ArmGeometry, CameraPose, Lens, Model, PlannedPath } from "../scene";
 
 /** Length of the drawn part of a camera's field of view. */
 const REACH_M = 0.05;

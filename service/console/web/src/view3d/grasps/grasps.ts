@@ -1,10 +1,10 @@
 import { BoxGeometry, type Color, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Vector3 } from "three";
-import { mm, percent } from "../texts/format";
-import { t } from "../texts/translate";
-import { label } from "./labels";
-import type { Palette } from "./palette";
-import { matrixOf } from "./pose";
-import type { Grasp } from "./scene";
+import { mm, percent } from "../../texts/format";
+import { t } from "../../texts/translate";
+import { label } from "../labels/labels";
+import type { Palette } from "../palette";
+import { matrixOf } from "../cell/pose";
+import type { Grasp } from "../scene";
 
 type Bars = InstancedMesh<BoxGeometry, MeshLambertMaterial>;
 /** Drawn fingers are slimmer than real ones, to tell neighbouring grasps apart. */

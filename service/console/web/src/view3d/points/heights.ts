@@ -2,8 +2,8 @@ import {
   type Color, DataTexture, Group, Mesh, MeshBasicMaterial, NearestFilter, PlaneGeometry, SRGBColorSpace,
 } from "three";
 import { colourOfHeight } from "./height_scale";
-import type { Palette } from "./palette";
-import type { HeightMap } from "./scene";
+import type { Palette } from "../palette";
+import type { HeightMap } from "../scene";
 
 const UNMEASURED = [0, 0, 0, 0] as const;
 

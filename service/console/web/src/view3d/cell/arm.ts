@@ -2,8 +2,8 @@ import {
   CapsuleGeometry, type Color, Group, LessDepth, Mesh, MeshBasicMaterial, MeshLambertMaterial, Vector3,
 } from "three";
 import { linkFrames } from "./kinematics";
-import type { Palette } from "./palette";
-import type { ArmCapsule, ArmGeometry, CellGeometry } from "./scene";
+import type { Palette } from "../palette";
+import type { ArmCapsule, ArmGeometry, CellGeometry } from "../scene";
 
 const STRETCHED = [0, 0, 0, 0, 0, 0];
 const Y = new Vector3(0, 1, 0);

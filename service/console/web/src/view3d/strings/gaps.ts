@@ -1,5 +1,5 @@
 import { withinChain } from "./arc_length";
-import type { Chain, Model } from "./scene";
+import type { Chain, Model } from "../scene";
 
 /** Part of a chain, by arc length; `to_m` may lie beyond a closed chain's length. */
 export interface Piece {

@@ -1,4 +1,4 @@
-import { t } from "../texts/translate";
+import { t } from "../../texts/translate";
 import type { Rectangle } from "./rectangle";
 
 const [SHORTEST, LONGEST] = [60, 160];

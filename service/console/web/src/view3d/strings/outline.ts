@@ -1,5 +1,5 @@
 import { BackSide, type Color, ShaderMaterial } from "three";
-import { PIXEL } from "./pixel";
+import { PIXEL } from "../points/pixel";
 
 /** Return the material of an outline: the far side of a slightly larger hull, at least 1.5 pixels wide. */
 export function outline(colour: Color, grow_m: number): ShaderMaterial {

@@ -1,6 +1,6 @@
 import { type PerspectiveCamera, Vector3 } from "three";
-import type { Rectangle } from "./rectangle";
-import type { Chain } from "./scene";
+import type { Rectangle } from "../labels/rectangle";
+import type { Chain } from "../scene";
 
 /** A canvas and its camera; pixels from the upper left. */
 export interface Screen {

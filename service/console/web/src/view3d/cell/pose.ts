@@ -1,5 +1,5 @@
 import { Matrix4 } from "three";
-import type { Pose } from "./scene";
+import type { Pose } from "../scene";
 
 /** Convert a pose of the service's JSON, 4 rows of 4, to a three.js matrix. */
 export function matrixOf(pose: Pose): Matrix4 {

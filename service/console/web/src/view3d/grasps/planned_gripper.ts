@@ -1,4 +1,4 @@
-import type { Grasp, Gripper, Pose } from "./scene";
+import type { Grasp, Gripper, Pose } from "../scene";
 
 /** Length from the flange to the fingertips for which flange poses are computed if none is configured, metres. */
 const DEFAULT_LENGTH_M = 0.174;

@@ -1,9 +1,9 @@
 import { Vector3 } from "three";
-import { capsuleEnds } from "./arm";
-import { eyeOf } from "./cameras";
-import { workspaceOf } from "./geometry";
-import { pointsOfMotion } from "./grasp_motion";
-import type { Content, Layer, Target } from "./scene";
+import { capsuleEnds } from "../cell/arm";
+import { eyeOf } from "../cell/cameras";
+import { workspaceOf } from "../cell/geometry";
+import { pointsOfMotion } from "../grasps/grasp_motion";
+import type { Content, Layer, Target } from "../scene";
 
 export const UP = new Vector3(0, 0, 1);
 /** Viewing directions: an overview, from above with x to the right, and level with the table. */

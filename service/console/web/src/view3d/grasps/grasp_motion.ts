@@ -2,13 +2,13 @@ import {
   BoxGeometry, type Color, CylinderGeometry, EdgesGeometry, Group, LineBasicMaterial, LineSegments, Matrix4, Mesh,
   MeshLambertMaterial, Vector3,
 } from "three";
-import { t } from "../texts/translate";
-import { label } from "./labels";
-import type { Palette } from "./palette";
+import { t } from "../../texts/translate";
+import { label } from "../labels/labels";
+import type { Palette } from "../palette";
 import { isPlannedFor, lengthOf } from "./planned_gripper";
-import { matrixOf } from "./pose";
-import { arrow } from "./rod";
-import type { Grasp, Gripper } from "./scene";
+import { matrixOf } from "../cell/pose";
+import { arrow } from "../rod";
+import type { Grasp, Gripper } from "../scene";
 
 const PALM_M = 0.006;
 /** The flange of a UR arm, as ISO 9409-1 has it. */

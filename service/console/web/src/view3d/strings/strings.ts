@@ -2,13 +2,13 @@ import {
   CircleGeometry, type Color, ConeGeometry, Group, InstancedMesh, Mesh, MeshBasicMaterial, MeshLambertMaterial,
   Object3D, SphereGeometry, TorusGeometry, Vector3,
 } from "three";
-import { t } from "../texts/translate";
+import { t } from "../../texts/translate";
 import { pieceCount, pointAt } from "./arc_length";
 import { cutMargins, oversOf, splitAtCrossings, type Piece } from "./gaps";
-import { label } from "./labels";
+import { label } from "../labels/labels";
 import { outline } from "./outline";
-import type { Palette } from "./palette";
-import type { Chain, Model } from "./scene";
+import type { Palette } from "../palette";
+import type { Chain, Model } from "../scene";
 import { colourAt, directionAt, tube } from "./tubes";
 
 const UP = new Vector3(0, 0, 1);

@@ -1,12 +1,12 @@
 import { Group, Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
-import { mm } from "../texts/format";
-import { t } from "../texts/translate";
+import { mm } from "../../texts/format";
+import { t } from "../../texts/translate";
 import { distance } from "./arc_length";
-import { label } from "./labels";
-import { overEverything } from "./over_everything";
-import type { Palette } from "./palette";
-import { rod } from "./rod";
-import type { Measured } from "./scene";
+import { label } from "../labels/labels";
+import { overEverything } from "../over_everything";
+import type { Palette } from "../palette";
+import { rod } from "../rod";
+import type { Measured } from "../scene";
 
 const [LINE_M, BALL_M] = [0.0007, 0.0025];
 

@@ -3,10 +3,10 @@ import {
   LineBasicMaterial, LineSegments, Mesh, MeshBasicMaterial,
   MeshLambertMaterial, Vector3,
 } from "three";
-import { label } from "./labels";
-import { rod } from "./rod";
-import type { Palette } from "./palette";
-import type { CellGeometry } from "./scene";
+import { label } from "../labels/labels";
+import { rod } from "../rod";
+import type { Palette } from "../palette";
+import type { CellGeometry } from "../scene";
 
 const [FINE_M, COARSE_M] = [0.01, 0.1];
 /** A table larger than this has no fine grid. */

@@ -1,7 +1,7 @@
 import { BufferAttribute, BufferGeometry, Group, Points, PointsMaterial } from "three";
 import { colourOfHeight } from "./height_scale";
 import { readCloud } from "./ply";
-import type { CellGeometry } from "./scene";
+import type { CellGeometry } from "../scene";
 
 /** Size of a point on the page, pixels. */
 const POINT_PX = 2;
