@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { api, longCall, resultOf } from "../net/api";
+import { api, longCall, resultOf, type Cell } from "../net/api";
 import { cell, problemSlug } from "../state/cell";
 import { lost } from "../state/freshness";
 import { running } from "../state/scans";
@@ -31,6 +31,9 @@ export function Fault() {
   const [seen, setSeen] = useState(false);
   const active = cell.value?.state === "fault";
   const scans = running.value !== null;
+  const acknowledged = cell.value?.last_acknowledgement;
+  const earlier = useRef<string | null>(null);
+  if (active) earlier.current = acknowledged?.at ?? null; // of another fault
   useEffect(() => {
     if (active) setSeen(true);
     else if (scans) setSeen(false);
@@ -44,43 +47,43 @@ export function Fault() {
     resized.observe(place.current);
     return () => resized.disconnect();
   }, [active]);
-  const acknowledged = cell.value?.last_acknowledgement;
   return (
     <div ref={place}>
-      {active ? (
-        <ActiveFault />
-      ) : (
-        seen &&
-        !scans &&
-        acknowledged && <Acknowledged {...acknowledged} height_px={height_px.current} close={() => setSeen(false)} />
+      {active && <ActiveFault />}
+      {!active && seen && !scans && (
+        <PastFault
+          acknowledged={acknowledged && acknowledged.at !== earlier.current ? acknowledged : null}
+          height_px={height_px.current}
+          close={() => setSeen(false)}
+        />
       )}
     </div>
   );
 }
 
-interface AcknowledgedProps {
-  /** Time, RFC 3339. */
-  at: string;
-  /** Who acknowledged; null: not known. */
-  by: string | null;
+interface PastFaultProps {
+  /** Null: not known yet, or never, as after a restart of the service. */
+  acknowledged: Cell["last_acknowledgement"];
   /** Height of the panel of the fault. The page does not move when somebody acknowledges elsewhere. */
   height_px: number;
   close: () => void;
 }
 
 /** In place of the fault, until it is closed: who acknowledged it, and when. */
-function Acknowledged({ at, by, height_px, close }: AcknowledgedProps) {
-  const time = clock(new Date(at));
+function PastFault({ acknowledged, height_px, close }: PastFaultProps) {
   return (
-    <div class="panel acknowledged" style={{ minHeight: `${height_px}px` }}>
-      <p role="status">
-        {by === null ? t("fault.acknowledged_at", { time }) : t("fault.acknowledged_by", { time, name: by })}
-      </p>
+    <div class="panel past-fault" style={{ minHeight: `${height_px}px` }}>
+      <p role="status">{acknowledged === null ? t("fault.over") : acknowledgedText(acknowledged)}</p>
       <button type="button" onClick={close}>
         {t("common.close")}
       </button>
     </div>
   );
+}
+
+function acknowledgedText({ at, by }: NonNullable<Cell["last_acknowledgement"]>): string {
+  const time = clock(new Date(at));
+  return by === null ? t("fault.acknowledged_at", { time }) : t("fault.acknowledged_by", { time, name: by });
 }
 
 /** What happened, what to check and, for a maintainer, the acknowledgement. */
