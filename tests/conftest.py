@@ -1,4 +1,4 @@
-"""Options of the tests on pytest's command line, signals of the processes that tests start, garbage collection."""
+"""Options of the tests on pytest's command line, signals of their processes, garbage collection, distribution."""
 
 import gc
 import signal
@@ -35,3 +35,13 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run all tests of a module that share a fixture, so that the fixture is made only once."""
+    for item in items:
+        if isinstance(item, pytest.Function) and item.get_closest_marker("xdist_group") is None:
+            fixtures = item._fixtureinfo.name2fixturedefs.values()
+            if any(fixture.scope == "module" for overridden in fixtures for fixture in overridden):
+                item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
