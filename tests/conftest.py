@@ -1,8 +1,8 @@
-"""Options of the tests on pytest's command line, signals of the processes that tests start, garbage collection."""
+"""Options of the tests on pytest's command line, signals of their processes, garbage collection, distribution."""
 
 import gc
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import pytest
 
@@ -23,6 +23,16 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(wrapper=True, optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> Generator[None, int, int]:
+    """Run all tests by one worker more than cores.
+
+    A third of their time is waiting for simulated arms and cameras, for services and for a browser.
+    """
+    cores = yield
+    return cores + 1 if config.args_source is pytest.Config.ArgsSource.TESTPATHS else cores
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Iterator[None]:
     """Exclude the collected tests and their modules from garbage collection: they stay until the end.
@@ -35,3 +45,13 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run all tests of a module that share a fixture, so that the fixture is made only once."""
+    for item in items:
+        if isinstance(item, pytest.Function) and item.get_closest_marker("xdist_group") is None:
+            fixtures = item._fixtureinfo.name2fixturedefs.values()
+            if any(fixture.scope == "module" for overridden in fixtures for fixture in overridden):
+                item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))

@@ -21,6 +21,7 @@ import pytest
 from service.config.loader import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
+from tests.docs.forked_command import run_forked
 from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
@@ -138,6 +139,17 @@ class Runner:
                 line = re.sub(rf"\b{name}\b", value, line)
             # Without --fail, curl exits with 0 after an error response.
             line = line.replace("curl ", "curl --silent --show-error --fail --max-time 100 ", 1)
+        # the README shows that the installed command starts from a shell
+        forked = None if where.startswith("README.md:") else run_forked(line, self._folder, self._environment)
+        code, output = forked or self._run_in_shell(line)
+        assert code == 0, f"{where}: {command}\n{output[-3000:]}"
+        setting_up.keep_simulated(command, self._folder)
+        made = re.search(r'"id": ?"([\w-]+)"', output)
+        if command.startswith("curl") and made is not None and "/api/scans/" not in command:
+            kind = next((word for word in ("recordings", "runs") if word in command), "scans")
+            self._ids[{"recordings": "REC", "runs": "RUN", "scans": "SCAN"}[kind]] = made[1]
+
+    def _run_in_shell(self, line: str) -> tuple[int, str]:
         done = subprocess.run(
             ["bash", "-euc", line],
             cwd=self._folder,
@@ -147,12 +159,7 @@ class Runner:
             check=False,
             timeout=200,
         )
-        assert done.returncode == 0, f"{where}: {command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
-        setting_up.keep_simulated(command, self._folder)
-        made = re.search(r'"id": ?"([\w-]+)"', done.stdout)
-        if command.startswith("curl") and made is not None and "/api/scans/" not in command:
-            kind = next((word for word in ("recordings", "runs") if word in command), "scans")
-            self._ids[{"recordings": "REC", "runs": "RUN", "scans": "SCAN"}[kind]] = made[1]
+        return done.returncode, done.stdout + done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +194,7 @@ def cell(request: pytest.FixtureRequest) -> LiveCell | None:
 @pytest.mark.skipif(shutil.which("curl") is None, reason="there is no curl")
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_and_programs_of_a_page_run(
-    page: Path, cell: LiveCell | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    fork_server: None, page: Path, cell: LiveCell | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")

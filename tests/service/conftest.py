@@ -33,8 +33,12 @@ PRELOADED = (
     "service.processing.worker_main",
     "matplotlib.figure",
     "matplotlib.backends.backend_agg",
+    "cell.simulation.offline_scan",
+    "open3d",
+    "service.cli.commands.scan",
+    "service.cli.commands.viewpoints",
 )
-"""What a recognition process imports."""
+"""What recognition processes and forked commands import."""
 # This only bounds a hang. A busy machine may take long to start a process.
 PATIENCE_S = 120.0
 LONGEST_PAUSE_S = 0.1
@@ -86,14 +90,19 @@ def recording_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def serve() -> Serve:
+def fork_server() -> None:
+    """Start the process that those of the context `forkserver` are forked from. It has imported `PRELOADED`."""
+    multiprocessing.set_forkserver_preload(list(PRELOADED))
+    forkserver.ensure_running()  # now, so that no test counts it among the processes that it has started
+
+
+@pytest.fixture(scope="session")
+def serve(fork_server: None) -> Serve:
     """`serve(data_dir, limits={...})`: start a service in this process on a free port, and yield a client.
 
     Recognition still runs in its own process. That is forked from one that has imported it already, which saves a
     second of computing at each of many starts. Services in a process of their own start it as users do.
     """
-    multiprocessing.set_forkserver_preload(list(PRELOADED))
-    forkserver.ensure_running()  # now, so that no test counts it among the processes that it has started
 
     @contextmanager
     def serving(data_dir: Path, **settings: Any) -> Iterator[ServedClient]:

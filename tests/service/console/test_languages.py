@@ -195,8 +195,11 @@ def test_no_text_of_a_language_is_cut_or_covered(
     def check(page: Page, name: str) -> None:
         for size, pixels in SIZES.items():
             resize(page, pixels)
-            page.screenshot(path=tmp_path / f"{tag}-{name}-{size}.png")
-            check_layout(page, stop)
+            try:
+                check_layout(page, stop)
+            except AssertionError:
+                page.screenshot(path=tmp_path / f"{tag}-{name}-{size}.png")
+                raise
         resize(page, SIZES["tablet"])
 
     page = open_console(cell.live.client, locale=tag).page
