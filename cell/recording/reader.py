@@ -76,7 +76,7 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
         count = "1 complete view" if len(complete) == 1 else f"{len(complete)} complete views"
         missing.append(
             f"the recording is cut off: it has {count}, and anything after view {complete[-1].index} is lost; "
-            f"copy the file again, or scan again ({contents.cut})"
+            f"scan again, or copy the file again if its copy is incomplete ({contents.cut})"
         )
     return Recording(header, tuple(complete), tuple(missing))
 

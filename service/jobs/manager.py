@@ -174,7 +174,7 @@ class Jobs:
             arm = job.uses_arm and not job.ended.is_set()
             if arm:
                 self.interventions.record_stop(by)
-            self._stop(job, "aborted", f"the {job.kind} was cancelled{_by(by)}", arm)
+            self._stop(job, "aborted", f"the {job.kind} was cancelled" + ("" if by is None else f" by {by}"), arm)
             job.ended.wait(CANCEL_TIMEOUT_S)
         elif (row := find()).state != "aborted":
             kind = kind_of(row)
@@ -197,7 +197,7 @@ class Jobs:
         job = self._lock.job
         live = job if job is not None and job.uses_arm else None
         self.interventions.record_stop(by)
-        self._stop(live, "aborted", reason or f"the arm was stopped{_by(by) or ' by request'}")
+        self._stop(live, "aborted", reason or "the arm was stopped by request" + ("" if by is None else f" of {by}"))
         self._cell.wait_while_busy(STOP_TIMEOUT_S)
         return live.row.id if live is not None and isinstance(live.row, ScanRow) else None
 
@@ -329,7 +329,3 @@ class Jobs:
     def _prepare(self) -> None:
         if not self._lock.closed:
             self._worker.prepare()
-
-
-def _by(name: str | None) -> str:
-    return "" if name is None else f" by {name}"

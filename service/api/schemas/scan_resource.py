@@ -77,7 +77,7 @@ def _elapsed(row: ScanRow) -> float | None:
 def _remaining(row: ScanRow, views: Sequence[ViewRow], elapsed_s: float) -> float | None:
     """Return the expected time until the model, seconds.
 
-    If the recorded views took longer than planned, the rest is expected to take longer by the same factor.
+    The rest is expected to differ from the plan as the recorded views did, the more of them there are.
     """
     timing = row.timing or {}
     expected_s = timing.get("expected_to_model")
@@ -86,8 +86,8 @@ def _remaining(row: ScanRow, views: Sequence[ViewRow], elapsed_s: float) -> floa
     taken = [durations.move + durations.settle + durations.exposure for durations in _view_durations(views)]
     planned = timing.get("expected_to_views", [])[: len(taken)]
     planned_s, taken_s = (planned[-1], sum(taken)) if planned else (0.0, 0.0)
-    slower = max(taken_s / planned_s, 1.0) if planned_s > 0 else 1.0
-    return round(max(taken_s + slower * (expected_s - planned_s) - elapsed_s, 0.0), 1)
+    left = 1.0 - planned_s / expected_s if expected_s > 0 else 0.0
+    return round(max(taken_s + left * (left * expected_s + taken_s) - elapsed_s, 0.0), 1)
 
 
 def _view_durations(views: Sequence[ViewRow]) -> list[ViewDurations]:

@@ -117,8 +117,8 @@ def test_an_interrupted_scan_is_reported(tmp_path: Path) -> None:
     assert [view.index for view in recording.views] == [0, 2]
     assert recording.missing == (
         "view 1 is not in the file",
-        "the recording is cut off: it has 2 complete views, and anything after view 2 is lost; copy the file again, "
-        "or scan again (the file has no end record)",
+        "the recording is cut off: it has 2 complete views, and anything after view 2 is lost; scan again, or copy "
+        "the file again if its copy is incomplete (the file has no end record)",
     )
 
 

@@ -27,7 +27,7 @@ def test_a_token_is_entered_once_and_hidden_from_scripts(open_console: Open, cel
     expect(page.locator("#stop-message")).to_contain_text("NOT STOPPED: nobody is signed in here")
     page.get_by_label("Token").fill("pct_" + "a" * 43)
     page.get_by_role("button", name="Sign in").click()
-    expect(page.get_by_text("there is no such token", exact=False)).to_be_visible()
+    expect(page.get_by_text("The code or token is wrong", exact=False)).to_be_visible()
     page.get_by_label("Token").fill(add_token(cell.data, "anna", "operator"))
     page.keyboard.press("Enter")
     expect(page.get_by_text("anna, operator: can scan")).to_be_visible()

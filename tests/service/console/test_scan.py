@@ -6,11 +6,25 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
-from tests.service.conftest import Serve, ServedClient
+from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.console.conftest import Cell, Open, wait_until_drawn
 from tests.service.live_cell import live_cell
 
 pytestmark = pytest.mark.xdist_group("console")  # one at a time: each test runs several busy processes
+
+
+PRESSES = 10
+PRESS_WHERE_IT_APPEARS = """(count) => {
+    window.presses = 0;
+    const press = () => {
+        const scan = [...document.querySelectorAll("button")].find((one) => one.innerText.startsWith("Scan:"));
+        if (scan === undefined || scan.offsetParent === null) return;
+        scan.click();
+        if (++window.presses === count) clearInterval(timer);
+    };
+    const timer = setInterval(press, 100);
+}"""
+"""Press the button of the next scan during the first second after this one, as a finger may that meant the picture."""
 
 
 def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -> None:
@@ -23,6 +37,7 @@ def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -
     progress = page.get_by_role("region", name="Scan in progress")
     expect(progress).to_contain_text(re.compile(r"\d of 8 views recorded"))
     expect(page.get_by_role("banner").get_by_role("status")).to_contain_text("Working")
+    page.evaluate(PRESS_WHERE_IT_APPEARS, PRESSES)
     images = page.get_by_role("region", name="Views of the scan").get_by_role("img")
     expect(images.first).to_be_visible()  # while the arm moves to the next viewpoint
     last = page.get_by_role("region", name="The last scan")
@@ -30,6 +45,8 @@ def test_a_first_visitor_completes_a_live_scan(open_console: Open, cell: Cell) -
     expect(last).to_contain_text("1 string, 1 crossing")
     expect(images).to_have_count(8)
     assert all(width > 100 for width in images.evaluate_all("all => all.map((one) => one.naturalWidth)"))
+    wait_until(lambda: page.evaluate("window.presses") == PRESSES)
+    expect(last).to_be_visible()  # no press started another scan
     last.get_by_role("link", name="Look at the result").click()
     expect(page.get_by_role("heading", name="1 string, 1 crossing")).to_be_visible()
     wait_until_drawn(page)
@@ -159,12 +176,16 @@ def test_the_views_of_a_stopped_scan_are_recognised_at_once(open_console: Open, 
     stopped = page.get_by_role("region", name="After a stop")
     expect(stopped).to_contain_text(re.compile(r"Stopped at \d\d:\d\d:\d\d by an-operator\."))
     last = page.get_by_role("region", name="The last scan")
-    expect(last).to_contain_text("The arm was stopped by an-operator.")
+    expect(last).to_contain_text("The arm was stopped by request of an-operator.")
     last.get_by_role("button", name="Recognise again").click()
     expect(page.get_by_role("region", name="Verdict")).to_contain_text("Recognised again")
+    note = page.locator("p", has_text="was broken off")
+    expect(note).to_contain_text(re.compile(r"was broken off: Aborted by request\. [4-7] of 8 views recorded\."))
     wait_until_drawn(page)
     shown = page.url
     page.keyboard.press("1")
+    expect(last.get_by_role("link", name="Look at the result")).to_be_visible()  # of the recognition
+    expect(last.get_by_role("button", name="Recognise again")).to_have_count(0)
     page.keyboard.press("2")
     expect(page.get_by_role("region", name="Verdict")).to_be_visible()
     assert page.url == shown, "the table of the stopped scan is newer than that of the last complete scan"

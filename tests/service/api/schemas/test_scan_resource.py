@@ -44,8 +44,9 @@ def remaining_s(elapsed_s: float, view_s: float, views: int) -> float:
     [
         (1.0, 2.0, 0, 8.0),  # no view yet: as planned
         (4.5, 2.0, 2, 4.5),  # as planned
-        (8.5, 4.0, 2, 9.5),  # each view took twice as long, so the remaining 5 s do
-        (3.0, 1.0, 2, 4.0),  # faster so far: the rest as planned, from what was reached
+        (4.0, 4.0, 1, 8.6),  # one view took twice as long: the remaining 7 s take a fifth longer
+        (12.0, 4.0, 3, 5.0),  # three did: the remaining 3 s take two thirds longer
+        (3.0, 1.0, 2, 2.9),  # faster so far
         (20.0, 4.0, 2, 0.0),  # late even so
     ],
 )

@@ -115,8 +115,7 @@ function activityText(): string | null {
 /** Return how long the running scan will take to its model; null: not known. */
 function timeText(): string | null {
   const { remaining } = scanTime.value;
-  if (remaining === null) return null;
-  return remaining > 0 ? t("state.time_to_model", { seconds: Math.ceil(remaining) }) : t("state.late");
+  return remaining ? t("state.time_to_model", { seconds: Math.ceil(remaining) }) : null;
 }
 
 /** Return a text that continues a sentence. */
@@ -189,7 +188,8 @@ function Camera() {
   const name = t("state.camera.label");
   if (!camera || !fresh.value) return <Fact name={name} tone="none">{t("common.unknown")}</Fact>;
   const { width, height } = camera;
-  if (width === null || height === null || cell.value?.state === "not_ready") {
+  const kept = problemSlug.value === "stopped"; // a stop does not disconnect it
+  if (width === null || height === null || (cell.value?.state === "not_ready" && !kept)) {
     return <Fact name={name} tone="none">{t("state.camera.not_connected")}</Fact>;
   }
   const [warning] = camera.warnings;

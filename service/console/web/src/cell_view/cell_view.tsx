@@ -40,7 +40,8 @@ export function CellView({ scan, checked, model }: CellViewProps) {
     return { model, cloud: null, views: path.filter(isDone), others: [], planned, lens, viewClouds: clouds };
   }, [model, path, arrived, lens]);
 
-  const newest = arrived.indices.at(-1);
+  const done = path.filter(({ index }) => arrived.indices.includes(index)); // in the order of the moves
+  const newest = done.at(-1)?.index ?? arrived.indices.at(-1);
   return (
     <section class="cell-view" aria-label={t("cell_view.region")}>
       <Viewer content={content} layers={LAYERS}>

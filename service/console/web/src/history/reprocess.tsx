@@ -15,7 +15,7 @@ import { MethodField } from "../ui/method_field";
 /** Recognises the recording of a scan again, as a new scan. Nothing moves. */
 export function Reprocess({ scan }: { scan: Scan }) {
   const [method, setMethod] = useState<Method>(scan.method);
-  const [text, setText] = useState(radiusText(scan.string_radius_m));
+  const [text, setText] = useState(scan.summary?.chains === 0 ? "" : radiusText(scan.string_radius_m));
   const [started, setStarted] = useState<Scan | null>(null);
   const action = useAction();
   const radius = parseRadius(text);

@@ -44,6 +44,7 @@ export function Grasps({ scan, model, listed, reach, selection, select, show }: 
               type="button"
               class={TRUST_CLASSES[grasp.trusted ? "accept" : "review"]}
               aria-pressed={grasp.id === selected}
+              disabled={reach.grasps === null && reach.failure === null} // the order may still change
               onClick={() => (grasp.id === selected ? select(null) : show({ kind: "grasp", id: grasp.id }))}
             >
               {graspText(grasp)}{" "}

@@ -16,7 +16,6 @@ import type { Earlier } from "./changes";
 import { Crossings } from "./crossings";
 import { Findings } from "./findings";
 import { Grasps } from "./grasps";
-import { HeightLegend } from "./height_legend";
 import { listedGrasps } from "./data/listed_grasps";
 import { latest } from "../state/scans";
 import { NewestResult } from "./newest_result";
@@ -33,6 +32,7 @@ import { Verdict } from "./verdict";
 
 const { Component: Progress } = onDemand(async () => (await import("../scan/progress")).Progress);
 const { Component: Measuring } = onDemand(async () => (await import("./tools/measuring")).Measuring);
+const { Component: HeightLegend } = onDemand(async () => (await import("./height_legend")).HeightLegend);
 const { Component: More } = onDemand(async () => (await import("./more")).More);
 const LAYERS = ["strings", "cloud", "crossings", "labels", "geometry"] as const;
 

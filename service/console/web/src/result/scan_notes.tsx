@@ -10,6 +10,9 @@ import { hasModel, isActive, isElsewhere, outcome } from "../texts/states";
 import { rich } from "../texts/translate";
 import { strong } from "../ui/action";
 import { WhatToDo } from "../ui/manual";
+import { onDemand } from "../ui/on_demand";
+
+const { Component: SourceNote } = onDemand(async () => (await import("./source_note")).SourceNote);
 
 interface ScanNotesProps {
   scan: Scan;
@@ -29,6 +32,7 @@ export function ScanNotes({ scan, isEarlier }: ScanNotesProps) {
       {isElsewhere(scan) && scan.recording !== null && (
         <p class="note warn">{rich("result.recording", { name: <RecordingName id={scan.recording} />, strong })}</p>
       )}
+      {scan.source !== null && <SourceNote source={scan.source} />}
       <NewerScanNote than={scan} />
       <CalibrationNote scan={scan} />
       {hasModel(scan) && <RadiusWarning scan={scan} />}
@@ -57,13 +61,20 @@ function CalibrationNote({ scan }: { scan: Scan }) {
   return <p class="note warn">{rich("result.calibration_not_judged", { strong, link })}</p>;
 }
 
-/** Warns that there is a newer scan: the table may have changed since this one. */
-function NewerScanNote({ than }: { than: Scan }) {
+/** Return the newest scan if its views are newer than those of a scan, else null. */
+export function newerScan(than: Scan): Scan | null {
   const newest = latestOriginal.value;
   if (newest === null || newest.id === than.id) return null;
   if (newest.recording !== null && newest.recording === than.recording) return null; // the same views
   // A repeated recognition shows the table at the time of its source, no matter when it was made.
   if (than.source === null && newest.created_at <= than.created_at) return null;
+  return newest;
+}
+
+/** Warns that there is a newer scan: the table may have changed since this one. */
+function NewerScanNote({ than }: { than: Scan }) {
+  const newest = newerScan(than);
+  if (newest === null) return null;
   const address = hasModel(newest) ? addressOf("result", newest.id) : addressOf("scan");
   const link = (content: preact.ComponentChildren) => <a href={address}>{content}</a>;
   const values = { when: when(newest.created_at), strong, link };

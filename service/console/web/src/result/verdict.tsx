@@ -3,6 +3,7 @@ import { when } from "../texts/format";
 import { foundText, kindOf, resultOutcome, SHAPES } from "../texts/states";
 import { t } from "../texts/translate";
 import { SimulatedMark } from "../ui/simulated";
+import { newerScan } from "./scan_notes";
 
 /** The verdict on the whole result: whether a program may use it. */
 export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
@@ -17,7 +18,7 @@ export function Verdict({ scan, model }: { scan: Scan; model: Model }) {
       <p class={`badge ${tone}`}>
         <span aria-hidden="true">{SHAPES[tone]}</span> {word}
       </p>{" "}
-      <SimulatedMark scan={scan} />
+      <SimulatedMark scan={scan} /> {newerScan(scan) !== null && <strong class="warn">{t("result.verdict.earlier")}</strong>}
       <h1>{foundText(strings, model.crossings.length)}</h1>
       <p class="meaning">
         {meaningOf(model)} {used > 0 && t("result.verdict.views", { count: used })}{" "}

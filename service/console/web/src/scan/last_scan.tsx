@@ -2,8 +2,8 @@ import { Badge } from "../bar/status";
 import type { Scan } from "../net/api";
 import { addressOf, go } from "../route";
 import { recogniseAgain } from "../state/recognise_again";
-import { calibrating } from "../state/cell";
-import { running } from "../state/scans";
+import { calibrating, cell } from "../state/cell";
+import { followed, latest, running } from "../state/scans";
 import { canOperate } from "../state/session";
 import { when } from "../texts/format";
 import { foundText, hasModel, isElsewhere, kindOf, outcome, recordedViews, tooFew } from "../texts/states";
@@ -21,6 +21,9 @@ export function LastScan({ scan }: { scan: Scan }) {
   const { summary, problem } = scan;
   const { to_model, to_home } = scan.timing_s;
   const action = useAction();
+  const again = latest.value?.source === scan.id ? latest.value : null;
+  const shown = [scan, again].find((one) => one !== null && hasModel(one)) ?? null;
+  const returns = running.value === null && scan.id === followed.value && cell.value?.state === "busy";
   return (
     <section class="panel" aria-label={t("scan.last.region")}>
       <h2>
@@ -39,16 +42,17 @@ export function LastScan({ scan }: { scan: Scan }) {
       {to_model !== null && to_home !== null && (
         <p>{t("scan.last.time", { model: Math.round(to_model), home: Math.round(to_home) })}</p>
       )}
+      {returns && <p>{t("scan.returning")}</p>}
       <EndReason state={scan.state} problem={problem} />
       <RadiusWarning scan={scan} />
       <Doubts summary={summary} />
       <p class="row">
-        {hasModel(scan) && (
-          <a class="button main" href={addressOf("result", scan.id)}>
+        {shown !== null && (
+          <a class="button main" href={addressOf("result", shown.id)}>
             {t("common.look_at_result")}
           </a>
         )}
-        {!hasModel(scan) && scan.links.reprocess !== null && !tooFew(scan) && canOperate.value && (
+        {shown === null && scan.links.reprocess !== null && !tooFew(scan) && canOperate.value && (
           <Act
             action={action}
             doing={t("common.starting")}

@@ -28,14 +28,14 @@ export function Progress({ scan }: { scan: Scan }) {
         <progress max={1} value={fraction} aria-label={t("common.progress")} />
         <span>{percent(fraction)}</span>
       </div>
-      {elapsed !== null && remaining !== null && (
+      {elapsed !== null && remaining !== null && !lost.value && (
         <p class="small">
           {remaining > 0
             ? t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })
             : t("scan.progress.late", { elapsed: Math.round(elapsed) })}
         </p>
       )}
-      {moving !== null && <p>{moving}</p>}
+      {moving !== null && !lost.value && <p>{moving}</p>}
       {scan.requested_by !== null && <p class="small">{t("scan.progress.started_by", { name: scan.requested_by })}</p>}
       <Act
         action={action}
@@ -65,8 +65,9 @@ function activityText(scan: Scan): string {
   return missing > 0 ? t("scan.progress.missing", { text, count: missing }) : text;
 }
 
-/** Return where the arm goes; null: it does not move to a viewpoint. */
-function movingText({ progress }: Scan): string | null {
+/** Return where the arm goes; null: it is not known that it moves. */
+function movingText({ progress, state }: Scan): string | null {
   const moving = progress.views.find((view) => view.state === "moving");
-  return moving === undefined ? null : t("scan.progress.moving", { index: moving.index });
+  if (moving !== undefined) return t("scan.progress.moving", { index: moving.index });
+  return state === "processing" && cell.value?.state === "busy" ? t("scan.returning") : null;
 }

@@ -1,4 +1,4 @@
-import { useEffect } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { CellView } from "../cell_view/cell_view";
 import type { Scan } from "../net/api";
 import { loadModel } from "../result/data/use_result";
@@ -21,6 +21,7 @@ export function ScanScreen() {
   const action = useAction();
   const runningId = running.value?.id;
   useEffect(() => scrollTo(0, 0), [runningId]); // a scan that starts or ends is shown at the top
+  const settling = useSettling(running.value !== null);
   const drawn = drawnScan();
   const model = useLoaded(drawn?.id ?? null, drawn !== null && hasModel(drawn), async (id) => (await loadModel(id)).model);
   const listed = running.value ?? scan;
@@ -39,13 +40,31 @@ export function ScanScreen() {
         )}
         {isNew && last}
         {/* Only hidden, so that the form keeps its content for the next scan. */}
-        <div hidden={running.value !== null}>{canOperate.value && <Start action={action} />}</div>
+        <div hidden={running.value !== null}>{canOperate.value && <Start action={action} settling={settling} />}</div>
         {!isNew && last}
       </div>
       <CellView scan={drawn} checked={checkedPlan.value} model={model} />
       {listed?.mode === "live" && <Views scan={listed} planned={plannedViews(listed)} />}
     </div>
   );
+}
+
+/** The form returns where something else was: a press within this time was meant for that. */
+const SETTLING_MS = 2000;
+
+/** Return whether a scan has ended just now. */
+function useSettling(runs: boolean): boolean {
+  const ran = useRef(runs);
+  const [settling, setSettling] = useState(false);
+  useLayoutEffect(() => {
+    const ended = ran.current && !runs;
+    ran.current = runs;
+    setSettling(ended);
+    if (!ended) return;
+    const timer = setTimeout(() => setSettling(false), SETTLING_MS);
+    return () => clearTimeout(timer);
+  }, [runs]);
+  return settling;
 }
 
 /** Return the live scan that runs, or the last one, if it ran while this page was open; null: none. */

@@ -22,8 +22,8 @@ type Views = Scan["views"] | undefined;
 /** Number of viewpoints of a scan that is not quick if the configuration gives none. */
 const DEFAULT_VIEWPOINTS = 8;
 
-/** The form that starts a scan. */
-export function Start({ action }: { action: Action }) {
+/** The form that starts a scan. While the page is settling, it cannot be sent. */
+export function Start({ action, settling }: { action: Action; settling: boolean }) {
   const mode = form.mode.value;
   const recording = form.recording.value;
   const method = form.method.value;
@@ -63,7 +63,7 @@ export function Start({ action }: { action: Action }) {
         big
         work={start}
         doing={t("common.starting")}
-        disabled={invalid || obstacle !== null}
+        disabled={invalid || obstacle !== null || settling}
       >
         {mode === "live" ? t("scan.start.button_live") : t("scan.start.button_replay")}
       </Act>

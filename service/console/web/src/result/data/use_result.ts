@@ -7,7 +7,7 @@ import { changes } from "../../state/scans";
 import { hasModel, isActive } from "../../texts/states";
 import type { ViewPose } from "../../view3d/scene";
 import { completeGrasps } from "./earlier_grasps";
-import { fromSchema1, type Schema1Model } from "./schema_1";
+import type { Schema1Model } from "./schema_1";
 
 /** A large cloud takes long over a slow network. */
 const LONG = { fetch: (call: Request) => request(call, 120) };
@@ -28,7 +28,10 @@ const NOTHING: Loaded = { scan: null, model: null, isEarlier: false, cloud: null
 export async function loadModel(id: string): Promise<{ model: Model; isEarlier: boolean }> {
   const document: unknown = await resultOf(api.GET("/api/scans/{id}/model", { params: { path: { id } }, ...LONG }));
   const model = document as Model | Schema1Model; // the client types points as lists of any length
-  if (model.schema === "pointchain/1") return { model: fromSchema1(model), isEarlier: true };
+  if (model.schema === "pointchain/1") {
+    const { fromSchema1 } = await import("./schema_1");
+    return { model: fromSchema1(model), isEarlier: true };
+  }
   return { model: { ...model, grasps: completeGrasps(model.grasps) }, isEarlier: false };
 }
 
