@@ -54,7 +54,7 @@ quick: .venv/.ready
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n auto tests/recognition tests/calibration tests/cell \
 		-m 'not slow and not xdist_group and not soak and not hardware and not fuzz'
 
-# One process more than cores (tests/conftest.py), each with one thread: more would take the cores from one another.
+# As many processes as cores: sums by several threads in each would only take the cores from one another.
 test: setup
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 .venv/bin/pytest -n auto
 

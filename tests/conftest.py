@@ -2,7 +2,7 @@
 
 import gc
 import signal
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -21,16 +21,6 @@ def pytest_configure() -> None:
     """Let Ctrl-C reach the processes that tests start: what a shell starts in the background ignores it."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-@pytest.hookimpl(wrapper=True, optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> Generator[None, int, int]:
-    """Run all tests by one worker more than cores.
-
-    A third of their time is waiting for simulated arms and cameras, for services and for a browser.
-    """
-    cores = yield
-    return cores + 1 if config.args_source is pytest.Config.ArgsSource.TESTPATHS else cores
 
 
 @pytest.hookimpl(wrapper=True)
