@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.service.conftest import Serve, recording_file, serve
+from tests.service.conftest import Serve, fork_server, recording_file, serve
 from tests.service.live_cell import LiveCell, live_cell, release_used
 
-__all__ = ["recording_file", "serve"]
+__all__ = ["fork_server", "recording_file", "serve"]
 
 
 @pytest.fixture(autouse=True)

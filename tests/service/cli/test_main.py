@@ -232,12 +232,12 @@ def test_a_truncated_recording_gives_a_model_or_an_error(
         (
             0.35,
             0,
-            "the recording is cut off: it has 1 complete view, and anything after view 0 is lost; copy the file",
+            "the recording is cut off: it has 1 complete view, and anything after view 0 is lost; scan again",
         ),
         (
             0.75,
             0,
-            "the recording is cut off: it has 2 complete views, and anything after view 1 is lost; copy the file",
+            "the recording is cut off: it has 2 complete views, and anything after view 1 is lost; scan again",
         ),
     ],
 )

@@ -119,6 +119,9 @@ def test_the_reason_why_the_cell_is_not_ready_has_a_link(open_console: Open, cli
     assert opened.url.endswith("/manual/operator/faults.html#not-connected")
 
 
+WHAT_TO_DO = "What to do: The robot's safety system made a protective stop"
+
+
 def test_a_fault_and_the_scan_that_it_ended_have_a_link(open_console: Open, cell: Cell) -> None:
     page = open_console(cell.live.client, token=cell.tokens["operator"]).page
     location = cell.live.start()
@@ -127,11 +130,11 @@ def test_a_fault_and_the_scan_that_it_ended_have_a_link(open_console: Open, cell
     expect(page.get_by_role("region", name="Fault")).to_be_visible()
     expect(page.get_by_role("region", name="The last scan")).to_be_visible()
     for region in ("Fault", "The last scan"):
-        link = page.get_by_role("region", name=region).get_by_role("link", name="What to do: protective stop")
+        link = page.get_by_role("region", name=region).get_by_role("link", name=WHAT_TO_DO)
         expect(link).to_have_attribute("href", "/manual/operator/faults.html#protective-stop")
         expect(link).to_have_attribute("target", "_blank")
     page.keyboard.press("4")
-    opened = open_link(page, "What to do: protective stop")
+    opened = open_link(page, WHAT_TO_DO)
     expect(opened.get_by_role("heading", name="Protective stop")).to_be_visible()
     cell.make_ready()
 

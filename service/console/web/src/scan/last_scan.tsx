@@ -23,7 +23,7 @@ export function LastScan({ scan }: { scan: Scan }) {
   const action = useAction();
   const again = latest.value?.source === scan.id ? latest.value : null;
   const shown = [scan, again].find((one) => one !== null && hasModel(one)) ?? null;
-  const returns = running.value === null && scan.id === followed.value && cell.value?.state === "busy";
+  const returns = running.value === null && scan.id === followed.value && cell.value?.state === "busy" && !calibrating.value;
   return (
     <section class="panel" aria-label={t("scan.last.region")}>
       <h2>

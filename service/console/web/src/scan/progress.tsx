@@ -66,8 +66,8 @@ function activityText(scan: Scan): string {
 }
 
 /** Return where the arm goes; null: it is not known that it moves. */
-function movingText({ progress, state }: Scan): string | null {
+function movingText({ mode, progress, state }: Scan): string | null {
   const moving = progress.views.find((view) => view.state === "moving");
   if (moving !== undefined) return t("scan.progress.moving", { index: moving.index });
-  return state === "processing" && cell.value?.state === "busy" ? t("scan.returning") : null;
+  return mode === "live" && state === "processing" && cell.value?.state === "busy" ? t("scan.returning") : null;
 }
