@@ -17,7 +17,7 @@ help:
 	@echo 'make lint    check style, types and the direction of imports'
 	@echo 'make docs    build the manual, which the service serves at /manual'
 	@echo 'make bench   measure speed, the simulated cell, the service under load, and accuracy'
-	@echo 'make pictures  take the pictures of the console again, all its states in build/pictures, and measure how soon it appears'
+	@echo 'make pictures  take the pictures of the console again, check all its states in build/pictures, and measure how soon it appears'
 	@echo 'make api-examples  record the examples in the description of the API again, and write openapi.json'
 	@echo 'make setup   make .venv, the console and the manual; the others do this first when needed'
 	@echo 'make wheel   build two wheels into dist/: the package, with console and manual, and the client'

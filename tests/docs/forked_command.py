@@ -16,6 +16,7 @@ from service.cli.main import main
 
 _COMMAND = re.compile(r"(?P<variables>(?:\w+=[\w./-]+ )*)pointchain (?P<arguments>[^|&;<>$*?~`()]+)(?:> (?P<out>\S+))?")
 TIMEOUT_S = 200.0
+"""Time limit of a command, which only bounds a hang."""
 
 
 def run_forked(command: str, folder: Path, environment: Mapping[str, str]) -> tuple[int | None, str] | None:

@@ -21,7 +21,7 @@ import pytest
 from service.config.loader import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
-from tests.docs.forked_command import run_forked
+from tests.docs.forked_command import TIMEOUT_S, run_forked
 from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
@@ -157,7 +157,7 @@ class Runner:
             capture_output=True,
             text=True,
             check=False,
-            timeout=200,
+            timeout=TIMEOUT_S,
         )
         return done.returncode, done.stdout + done.stderr
 

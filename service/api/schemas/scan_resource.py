@@ -77,7 +77,8 @@ def _elapsed(row: ScanRow) -> float | None:
 def _remaining(row: ScanRow, views: Sequence[ViewRow], elapsed_s: float) -> float | None:
     """Return the expected time until the model, seconds.
 
-    The rest is expected to differ from the plan as the recorded views did, the more of them there are.
+    If the recorded views were late, the rest is expected to be late too. The larger their share of the plan, the nearer
+    its delay is to theirs, in proportion.
     """
     timing = row.timing or {}
     expected_s = timing.get("expected_to_model")
@@ -86,8 +87,8 @@ def _remaining(row: ScanRow, views: Sequence[ViewRow], elapsed_s: float) -> floa
     taken = [durations.move + durations.settle + durations.exposure for durations in _view_durations(views)]
     planned = timing.get("expected_to_views", [])[: len(taken)]
     planned_s, taken_s = (planned[-1], sum(taken)) if planned else (0.0, 0.0)
-    left = 1.0 - planned_s / expected_s if expected_s > 0 else 0.0
-    return round(max(taken_s + left * (left * expected_s + taken_s) - elapsed_s, 0.0), 1)
+    slower = 1.0 + (taken_s - planned_s) / expected_s if expected_s > 0 else 1.0
+    return round(max(taken_s + slower * (expected_s - planned_s) - elapsed_s, 0.0), 1)
 
 
 def _view_durations(views: Sequence[ViewRow]) -> list[ViewDurations]:

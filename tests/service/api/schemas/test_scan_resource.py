@@ -1,12 +1,14 @@
 """The JSON document of a scan."""
 
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 
 from service.api.schemas.scan_resource import scan_resource
 from service.clock import format_utc, utc_now
-from service.storage.rows import ScanRow, ViewRow
+from service.jobs.submission import NOBODY, new_scan
+from service.storage.rows import ViewRow
 
 EXPECTED = {"expected_to_model": 9.0, "expected_to_views": [2.0, 4.0, 6.0, 8.0]}
 
@@ -14,22 +16,8 @@ EXPECTED = {"expected_to_model": 9.0, "expected_to_views": [2.0, 4.0, 6.0, 8.0]}
 def remaining_s(elapsed_s: float, view_s: float, views: int) -> float:
     """Return the remaining time of a scan of four views that began `elapsed_s` ago; `view_s` is the time of a view."""
     started = format_utc(utc_now() - timedelta(seconds=elapsed_s))
-    row = ScanRow(
-        id="x",
-        mode="live",
-        recording=None,
-        method="graph",
-        string_radius_m=None,
-        state="scanning",
-        stage="views",
-        fraction=0.0,
-        created_at=started,
-        started_at=started,
-        ended_at=None,
-        summary=None,
-        failure=None,
-        timing=EXPECTED,
-    )
+    scan = new_scan("live", "graph", None, NOBODY)
+    row = replace(scan, state="scanning", started_at=started, timing=EXPECTED)
     rows = [
         ViewRow("x", k, "recorded", None, started, move_s=view_s - 0.5, settle_s=0.2, exposure_s=0.3)
         for k in range(views)

@@ -38,9 +38,6 @@ export function NewestResult() {
  */
 function newestOf(scans: readonly Scan[]): Scan | undefined {
   const key = ({ id, source, recording }: Scan) => (source === null ? id : (recording ?? ""));
-  const [first, ...others] = scans;
-  return others.reduce(
-    (newest, scan) => (newest === undefined || key(scan) > key(newest) || (key(scan) === key(newest) && scan.source === null) ? scan : newest),
-    first,
-  );
+  const again = ({ source }: Scan) => Number(source !== null);
+  return [...scans].sort((a, b) => key(b).localeCompare(key(a)) || again(a) - again(b))[0];
 }

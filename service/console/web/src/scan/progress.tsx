@@ -32,7 +32,7 @@ export function Progress({ scan }: { scan: Scan }) {
         <p class="small">
           {remaining > 0
             ? t("scan.progress.time", { elapsed: Math.round(elapsed), remaining: Math.ceil(remaining) })
-            : t("scan.progress.late", { elapsed: Math.round(elapsed) })}
+            : t("scan.progress.elapsed", { elapsed: Math.round(elapsed) })}
         </p>
       )}
       {moving !== null && !lost.value && <p>{moving}</p>}

@@ -50,11 +50,11 @@ export function useResult(id: string): Loaded & { failure: Failure | null } {
     add({ cloud: await resultOf(api.GET("/api/scans/{id}/cloud.ply", { params, parseAs: "arrayBuffer", ...LONG })) });
   }
 
-  const [loadedAt, setLoadedAt] = useState(changes.value);
+  const [lastChange, setLastChange] = useState(changes.value); // the last one after which the scan was requested
   const runs = loaded.scan !== null && isActive(loaded.scan.state);
   useEffect(() => {
-    if (runs) setLoadedAt(changes.value);
+    if (runs) setLastChange(changes.value);
   }, [runs, changes.value]);
-  const failure = useQuery(load, () => undefined, [id, loadedAt]);
+  const failure = useQuery(load, () => undefined, [id, lastChange]);
   return { ...loaded, failure };
 }
