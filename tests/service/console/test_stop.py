@@ -46,6 +46,36 @@ def test_stop_says_that_it_does_not_reach_a_released_arm(open_console: Open, cel
     cell.make_ready()
 
 
+def test_the_first_answers_do_not_clear_the_outcome_of_an_earlier_stop(
+    open_console: Open, cell: Cell, finished: Finished
+) -> None:
+    """A page that loads slowly: STOP is pressed first, and then arrives that a scan runs, which has not ended yet."""
+    opened = open_console(cell.live.client, token=cell.tokens["viewer"])
+    page = opened.page
+    location = cell.live.start()
+    cell.live.wait_for_motion(location)
+    running = cell.live.client.get("/api/scans?limit=10").text
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route("**/api/session", hold)
+    page.route("**/api/scans?*", lambda route: route.fulfill(body=running, content_type="application/json"), times=1)
+    page.route("**/api/events*", lambda route: None)  # as slow as the rest
+    page.reload()
+    page.get_by_role("button", name="STOP the arm").click()
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
+    page.unroute("**/api/session")
+    for route in held:
+        route.continue_()
+    expect(page.get_by_role("region", name="After a stop")).to_be_visible()
+    expect(page.locator("#stop-message")).to_contain_text("The arm was stopped")
+    page.unroute_all(behavior="ignoreErrors")
+    assert finished(cell.live.client, location)["state"] == "aborted"
+    cell.make_ready()
+
+
 def test_stop_does_not_wait_for_pending_requests(open_console: Open, cell: Cell) -> None:
     """The page's requests get no answer, and a browser opens at most six connections to a service."""
     cell.make_ready()

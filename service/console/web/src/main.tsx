@@ -13,7 +13,7 @@ import { atWork, cell } from "./state/cell";
 import { applyLanguage, InLanguage } from "./state/language";
 import { requesting, running } from "./state/scans";
 import { caller } from "./state/session";
-import { startUpdates } from "./state/updates";
+import { loaded, startUpdates } from "./state/updates";
 import { clearStopMessage } from "./stop";
 
 function show(part: preact.ComponentChild, id: string): void {
@@ -38,10 +38,11 @@ show(
 );
 addEventListener("keydown", screenKeys);
 // The outcome of the last stop is outdated when the arm works again or is connected, a fault is
-// acknowledged, or a person signs in.
-onceTrue(() => atWork.value || requesting.value || running.value !== null, clearStopMessage);
-onceTrue(() => cell.value?.state === "ready", clearStopMessage);
-onceTrue(() => cell.value?.state !== "fault", clearStopMessage);
+// acknowledged, or a person signs in. The first answers about the cell outdate nothing: a stop that was sent
+// before them may have ended the work that they tell of.
+onceTrue(() => !loaded.value || atWork.value || requesting.value || running.value !== null, clearStopMessage);
+onceTrue(() => !loaded.value || cell.value?.state === "ready", clearStopMessage);
+onceTrue(() => !loaded.value || cell.value?.state !== "fault", clearStopMessage);
 onceTrue(() => caller.value !== null, clearStopMessage);
 startUpdates();
 

@@ -17,6 +17,8 @@ const SLOW_MS = 60_000;
 const RETRY_MS = [1000, 2000, 4000, 5000];
 
 const visible = signal(!document.hidden);
+/** Whether the cell and its newest scan are known. */
+export const loaded = signal(false);
 /** Whether to follow events. A hidden page does not: the tabs of a browser share few connections. */
 const following = computed(() => Boolean(caller.value) && visible.value);
 
@@ -50,6 +52,7 @@ async function poll(): Promise<never> {
       if (!caller.value) return refreshSession();
       await refreshCell();
       await refreshScans();
+      loaded.value = true;
       if (geometry.value === null) await loadGeometry();
       if (performance.now() - slowAt > SLOW_MS) {
         slowAt = performance.now();
