@@ -7,7 +7,6 @@ import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
 
 from cell.control.cell import Cell
 from cell.control.prepared import PreparedScan
@@ -246,7 +245,7 @@ class ScanWork:
             self.drawing = None
 
 
-def _expected(expected: ExpectedDuration) -> dict[str, Any]:
+def _expected(expected: ExpectedDuration) -> dict[str, float | list[float]]:
     return {
         "expected_to_model": round(expected.to_model_s, 1),
         "expected_to_home": round(expected.to_home_s, 1),

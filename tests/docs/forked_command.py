@@ -54,7 +54,7 @@ def _run(arguments: list[str], folder: Path, environment: Mapping[str, str], out
     os.environ.clear()
     os.environ.update(environment)
     for descriptor, path in ((1, out), (2, log)):
-        opened = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if path != log else 0), 0o644)
+        opened = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_TRUNC, 0o644)
         os.dup2(opened, descriptor)
         os.close(opened)
     sys.argv = ["pointchain", *arguments]

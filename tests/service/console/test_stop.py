@@ -49,7 +49,7 @@ def test_stop_says_that_it_does_not_reach_a_released_arm(open_console: Open, cel
 def test_the_first_answers_do_not_clear_the_outcome_of_an_earlier_stop(
     open_console: Open, cell: Cell, finished: Finished
 ) -> None:
-    """A page that loads slowly: STOP is pressed first, and then arrives that a scan runs, which has not ended yet."""
+    """STOP is pressed while the page loads. Its first answer about scans still reports the stopped scan as running."""
     opened = open_console(cell.live.client, token=cell.tokens["viewer"])
     page = opened.page
     location = cell.live.start()

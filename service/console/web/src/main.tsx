@@ -13,7 +13,7 @@ import { atWork, cell } from "./state/cell";
 import { applyLanguage, InLanguage } from "./state/language";
 import { requesting, running } from "./state/scans";
 import { caller } from "./state/session";
-import { loaded, startUpdates } from "./state/updates";
+import { loaded, startUpdates, until } from "./state/updates";
 import { clearStopMessage } from "./stop";
 
 function show(part: preact.ComponentChild, id: string): void {
@@ -37,14 +37,15 @@ show(
   "app",
 );
 addEventListener("keydown", screenKeys);
-// The outcome of the last stop is outdated when the arm works again or is connected, a fault is
-// acknowledged, or a person signs in. The first answers about the cell outdate nothing: a stop that was sent
-// before them may have ended the work that they tell of.
-onceTrue(() => !loaded.value || atWork.value || requesting.value || running.value !== null, clearStopMessage);
-onceTrue(() => !loaded.value || cell.value?.state === "ready", clearStopMessage);
-onceTrue(() => !loaded.value || cell.value?.state !== "fault", clearStopMessage);
+// The outcome of the last stop is outdated when a person signs in, the arm works again or is connected, or a
+// fault is acknowledged. The first answers about the cell outdate nothing: a stop that was sent before them may
+// have ended the work that they tell of.
 onceTrue(() => caller.value !== null, clearStopMessage);
 startUpdates();
+await until(loaded);
+onceTrue(() => atWork.value || requesting.value || running.value !== null, clearStopMessage);
+onceTrue(() => cell.value?.state === "ready", clearStopMessage);
+onceTrue(() => cell.value?.state !== "fault", clearStopMessage);
 
 /** Call `act` each time the condition changes from false to true. */
 function onceTrue(condition: () => boolean, act: () => void): void {

@@ -118,7 +118,7 @@ async function apply(event: string, data: string): Promise<void> {
 }
 
 /** Wait until a condition is true. */
-function until(condition: ReadonlySignal<boolean>): Promise<void> {
+export function until(condition: ReadonlySignal<boolean>): Promise<void> {
   return new Promise((resolve) => {
     const end = condition.subscribe((met) => {
       if (!met) return;
