@@ -94,6 +94,8 @@ def create_app(config: ServiceConfig) -> FastAPI:
         title="Pointchain",
         version=API_VERSION,
         description=DESCRIPTION,
+        servers=[{"url": "/"}],
+        license_info={"name": "Apache License 2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
         dependencies=[Depends(reject_unfit_parameters)],
         openapi_url=None,  # the routes in `docs` serve the description and its page

@@ -254,7 +254,7 @@ class PDataDocument(_Document):
         Annotated[EndElementDocument | CrossingElementDocument | SegmentElementDocument, Field(discriminator="kind")]
     ]
     """`id` is the index in this list, and the row and the column of the matrix."""
-    matrix: list[list[Literal[-1, 0, 1, 2]]]
+    matrix: list[list[Annotated[int, Field(ge=-1, le=2)]]]
 
 
 class TopologyDocument(_Document):

@@ -29,26 +29,35 @@ def format_json(document: dict[str, Any]) -> str:
 def refine_openapi(app: FastAPI) -> None:
     """Correct the OpenAPI document of an application.
 
-    Parameters are not nullable: a client may omit one, but no query or header can express null. An event stream is
-    described by the schema of its events, not as one text. Requests and answers have the recorded examples.
+    Parameters are not nullable: a client may omit one, but no query or header can express null. An operation without
+    credentials says so. A request that may be one of several schemas is a schema with a name, because without one
+    code generators make no usable type of it. Requests and answers have the recorded examples.
     """
     generate = app.openapi
 
     def refined() -> dict[str, Any]:
         if app.openapi_schema is None:
             examples = read_examples()
-            for item in generate()["paths"].values():
+            document = generate()
+            for item in document["paths"].values():
                 for operation in item.values():
                     for parameter in operation.get("parameters", ()):
                         parameter["schema"] = _without_null(parameter["schema"])
-                    for answer in operation["responses"].values():
-                        for content in answer.get("content", {}).values():
-                            if "itemSchema" in content:
-                                content.pop("schema", None)
+                    operation.setdefault("security", [])
+                    _name_request(operation, document["components"]["schemas"])
                     add_examples(operation, examples.get(operation["operationId"], {}))
         return app.openapi_schema or generate()
 
     app.openapi = refined
+
+
+def _name_request(operation: dict[str, Any], schemas: dict[str, Any]) -> None:
+    """Move the alternatives of a JSON request into a schema of their own, if there are several."""
+    content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+    if "oneOf" in content.get("schema", {}):
+        name = "".join(word.capitalize() for word in operation["operationId"].split("_")) + "Request"
+        schemas[name] = content["schema"] | {"title": name}
+        content["schema"] = {"$ref": f"#/components/schemas/{name}"}
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:

@@ -80,7 +80,8 @@ def _responses(names: tuple[str, ...], snapshot: str, *slugs: str) -> dict[int |
 `state`, `progress` and `view` have an object with `id`, `scan`, `at`, `kind` and, in `data`, the change
 (`state`: state, stage, fraction, problem, summary; `progress`: stage, fraction; `view`: index, state, reason).
 Ids rise with each change."""
-    content = {EventStream.media_type: {"itemSchema": _event_schema(names)}}
+    # OpenAPI 3.2 calls this `itemSchema`; FastAPI, generators and validators are at 3.1
+    content = {EventStream.media_type: {"x-itemSchema": _event_schema(names)}}
     return {200: {"description": description, "content": content}} | problem_responses(
         "event-unknown", "invalid-request", "not-ready", "too-many-streams", *slugs
     )

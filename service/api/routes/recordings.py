@@ -39,7 +39,8 @@ router = APIRouter(prefix=RECORDINGS, tags=["recordings"])
 
 BINARY = {"schema": {"type": "string", "format": "binary"}}
 BODY = {"required": True, "content": {MCAP: BINARY}}
-REPLAY = {"operationId": "start_scan", "requestBody": {"mode": "replay", "recording": "$response.body#/id"}}
+# no `requestBody`: the parser of OpenAPI Generator takes only a string there
+REPLAY = {"operationId": "start_scan", "description": "`recording` of the request is the `id` in this answer."}
 LINKS = links("get_recording", "download_recording")
 UPLOAD_RESPONSES = problem_responses(
     *RECORDING, "recording-too-large", "busy", "invalid-request", "storage-full", "too-large", "upload-incomplete"

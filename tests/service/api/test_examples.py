@@ -57,7 +57,7 @@ def test_each_operation_has_examples_that_match_its_schemas(name: str) -> None:
             for example, members in examples.items():
                 assert members["summary"], example
                 if media_type == EVENTS:
-                    check_events(content["itemSchema"], members["value"])
+                    check_events(content["x-itemSchema"], members["value"])
                 elif media_type in (JSON, PROBLEM):
                     check_schema(content["schema"], members["value"])
 
