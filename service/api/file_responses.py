@@ -3,18 +3,20 @@
 import os
 import re
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 from fastapi import Depends, Header, Request
-from fastapi.responses import FileResponse, Response
-from starlette.types import Receive, Scope, Send
+from fastapi.responses import FileResponse, Response, StreamingResponse
 
 from service.problems.problem_error import ProblemError
+from service.storage.data_folder import open_file
 
 _TAG = re.compile(r'(?:W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 MAX_BUFFERED_BYTES = 1 << 20
 """Size up to which a file is read at once, by the thread that found it. Larger files are sent in chunks."""
+CHUNK_BYTES = 1 << 16
 NOT_MODIFIED: dict[int | str, dict[str, str]] = {304: {"description": "The client has the current version"}}
 """OpenAPI response of an operation with an ETag, in addition to its others."""
 
@@ -45,7 +47,7 @@ def stat_file(path: Path, sha256: str | None = None, size_bytes: int | None = No
             size.
     """
     try:
-        file_stat = path.stat()
+        file_stat = path.lstat()  # a link is not a file: it may lead anywhere
     except (FileNotFoundError, NotADirectoryError):
         file_stat = None
     if file_stat is None or not stat.S_ISREG(file_stat.st_mode):
@@ -70,7 +72,8 @@ def read_file(path: Path, size_bytes: int) -> bytes:
         ProblemError: `no-result`: The file was removed. `damaged`: The file has another size.
     """
     try:
-        content = path.read_bytes()
+        with open_file(path) as file:
+            content = file.read()
     except FileNotFoundError:  # removed a moment ago
         raise ProblemError("no-result", f"{path.name} is gone from the data folder", file=path.name) from None
     if len(content) != size_bytes:
@@ -78,12 +81,11 @@ def read_file(path: Path, size_bytes: int) -> bytes:
     return content
 
 
-class _WholeFileResponse(FileResponse):
-    """A file that is always sent whole, because Starlette refuses a bad Range without a problem document."""
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        headers = [(name, value) for name, value in scope["headers"] if name.lower() != b"range"]
-        await super().__call__({**scope, "headers": headers}, receive, send)
+def _chunks(path: Path) -> Iterator[bytes]:
+    """Yield the content of a file, piece by piece."""
+    with open_file(path) as file:
+        while chunk := file.read(CHUNK_BYTES):
+            yield chunk
 
 
 def send_file(
@@ -111,11 +113,12 @@ def send_file(
     file_stat, etag = stat_file(path, sha256, size_bytes)
     if matches(if_none_match, etag):
         return not_modified_response(etag)
-    headers = {"accept-ranges": "none", "etag": etag}
-    file = _WholeFileResponse(path, 200, headers, media_type, filename=save_as, stat_result=file_stat)
+    etags = {"accept-ranges": "none", "etag": etag}
+    # Only its headers are used: it would follow a link, and refuse a bad Range without a problem document.
+    headers = dict(FileResponse(path, 200, etags, media_type, filename=save_as, stat_result=file_stat).headers)
     if file_stat.st_size > MAX_BUFFERED_BYTES:
-        return file
-    return Response(read_file(path, file_stat.st_size), headers=dict(file.headers))
+        return StreamingResponse(_chunks(path), headers=headers)
+    return Response(read_file(path, file_stat.st_size), headers=headers)
 
 
 def not_modified_response(etag: str) -> Response:

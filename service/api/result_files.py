@@ -11,7 +11,7 @@ from service.api.file_responses import stat_file
 from service.problems.problem_error import ProblemError
 from service.processing.height_map_file import HeightMapError, StoredHeightMap, read_npz
 from service.states import ACTIVE_STATES, RESULT_STATES
-from service.storage.data_folder import HEIGHT_MAP
+from service.storage.data_folder import HEIGHT_MAP, open_file
 from service.storage.rows import ScanRow
 
 
@@ -19,6 +19,7 @@ def result_path(scan: ScanRow, service: Context, name: str) -> Path:
     """Return the path of a result.
 
     Raises:
+        OutsideError: There is a link in place of the result.
         ProblemError: `result-not-ready`: The scan has not ended. `no-result`: The scan has no result.
     """
     if scan.state in ACTIVE_STATES:
@@ -29,11 +30,11 @@ def result_path(scan: ScanRow, service: Context, name: str) -> Path:
         raise ProblemError(
             "no-result", f"scan {scan.id} is {scan.state}: it has no result", scan=scan.id, state=scan.state
         )
-    return service.store.folder.results(scan.id) / name
+    return service.store.folder.result(scan.id, name)
 
 
 def hash_and_size(scan: ScanRow, name: str) -> dict[str, Any]:
-    """Return hash and size of a result, or nothing for the preview and for results of an earlier version."""
+    """Return hash and size of a result, or nothing if an earlier release wrote it."""
     return (scan.files or {}).get(name, {})
 
 
@@ -44,7 +45,8 @@ def read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainMod
         ProblemError: `damaged`: The file is not a model.
     """
     try:
-        document = json.loads(path.read_bytes())
+        with open_file(path) as file:
+            document = json.loads(file.read())
         return document, PointChainModel.from_json(document)
     except (ModelError, ValueError, OSError) as error:
         raise damaged(path, scan, error) from error
@@ -77,6 +79,7 @@ def read_height_map(scan: ScanRow, service: Context) -> StoredHeightMap:
     """
     path = result_path(scan, service, HEIGHT_MAP)
     try:
-        return read_npz(path)
+        with open_file(path) as file:
+            return read_npz(file)
     except (HeightMapError, OSError) as error:
         raise damaged(path, scan, error) from error

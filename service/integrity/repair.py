@@ -24,7 +24,7 @@ from service.integrity.lost_and_found import LostAndFound
 from service.integrity.recording_check import hash_file
 from service.integrity.row_repair import rebuild_row
 from service.processing.upload_sandbox import describe_untrusted_recording
-from service.storage.data_folder import ID, DataFolder
+from service.storage.data_folder import ID, PREVIEW, DataFolder
 from service.storage.database import now, time_of_id
 from service.storage.rows import RecordingRow, insert, stored
 from service.storage.scan_store import KEPT
@@ -117,6 +117,7 @@ class _Repairer:
             "view-lost": self._lost_view,
             "result-missing": self._damaged_result,
             "result-changed": self._damaged_result,
+            "picture-changed": self._damaged_picture,
             "result-without-row": lambda name: self._move_aside(self._target.root / "scans" / name),
             "calibration-unfinished": self._unfinished_calibration,
             "calibration-missing": self._calibration_without_file,
@@ -193,6 +194,13 @@ class _Repairer:
         done = self._move_aside(self._folder.root / "scans" / scan_id, "its content is not as it was written")
         self._fail("scans", scan_id, summary=None, files=None)
         return f"{done}; the scan is now failed, and can be reprocessed if it has its recording"
+
+    def _damaged_picture(self, scan_id: str) -> str:
+        done = self._move_aside(self._folder.root / "scans" / scan_id / PREVIEW, "it is not as it was written")
+        sql = "UPDATE scans SET files = json_remove(files, '$.\"' || ? || '\"') WHERE id = ?"
+        with self._transaction() as db:
+            db.execute(sql, (PREVIEW, scan_id))
+        return f"{done}; the result has no picture any more"
 
     def _calibration_without_file(self, run_id: str) -> str:
         self._fail("calibrations", run_id)

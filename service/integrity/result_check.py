@@ -1,14 +1,15 @@
 """Check that each result of a scan or calibration has its files, and each folder its row."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from calibration.dataset.folder import HAND_EYE_FILE
 from service.integrity.database_check import Rows
 from service.integrity.finding import REPAIR, Finding
 from service.integrity.recording_check import describe_change, hash_file
 from service.states import ACTIVE_STATES, RESULT_STATES
-from service.storage.data_folder import CLOUD, HEIGHT_MAP, ID, MODEL
+from service.storage.data_folder import CLOUD, HEIGHT_MAP, ID, MODEL, PREVIEW
 from service.storage.rows import ScanRow
 
 
@@ -27,7 +28,7 @@ def check_results(folder: Path, paths: Sequence[Path], rows: Rows, quick: bool, 
     """
     for scan in rows.scans.values():
         if scan.state in RESULT_STATES:
-            yield from _compare(folder / scan.id, scan, quick)
+            yield from _check_result(folder / scan.id, scan, quick)
     for path in paths:
         scan = rows.scans.get(path.name)
         if path.name in rows.unreadable["scans"]:
@@ -39,30 +40,44 @@ def check_results(folder: Path, paths: Sequence[Path], rows: Rows, quick: bool, 
         yield Finding("results", "result-without-row", str(path), what, advice, True, path.name)
 
 
-def _compare(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
-    """Yield the first damage only, because a result is repaired as a whole."""
+def _check_result(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]:
+    """Yield the first damage only, because a result is repaired as a whole. Only its picture is repaired alone."""
     advice = (
         f"put it back, or {REPAIR}: the rest of the result is moved to lost+found, and the scan becomes failed; then "
         "reprocess it"
     )
-    written_files = scan.files or {}
-    for name in (MODEL, CLOUD, *({HEIGHT_MAP} & written_files.keys())):
+    files = scan.files or {}
+    for name in (MODEL, CLOUD, *({HEIGHT_MAP} & files.keys())):
         path = folder / name
         if folder.is_symlink() or not path.is_file() or path.is_symlink():
             yield Finding("results", "result-missing", str(path), "the file is missing", advice, True, scan.id)
             return
-        written = written_files.get(name)
-        if written is None:
-            continue
-        try:
-            size = path.stat().st_size
-            same = size == written["size_bytes"] and (quick or hash_file(path).sha256 == written["sha256"])
-            what = describe_change(size, written["size_bytes"])
-        except OSError as error:
-            same, what = False, f"it cannot be read: {error.strerror or error}"
-        if not same:
+        if what := _change(path, files.get(name), quick):
             yield Finding("results", "result-changed", str(path), what, advice, True, scan.id)
             return
+    # A result may have no picture. The thumbnail is made from it on request.
+    picture = folder / PREVIEW
+    if picture.is_symlink():
+        what = "it is a link, which is not followed"
+    elif not picture.exists():
+        what = "the file is missing" if PREVIEW in files else ""
+    else:
+        what = _change(picture, files.get(PREVIEW), quick)
+    if what:
+        advice = f"put it back, or {REPAIR}: it is moved to lost+found, and the result has no picture any more"
+        yield Finding("results", "picture-changed", str(picture), what, advice, True, scan.id)
+
+
+def _change(path: Path, written: Mapping[str, Any] | None, quick: bool) -> str:
+    """Return how a file differs from the written one, as a message. Empty: it does not, or that is not known."""
+    if written is None:
+        return ""
+    try:
+        size = path.stat().st_size
+        same = size == written["size_bytes"] and (quick or hash_file(path).sha256 == written["sha256"])
+    except OSError as error:
+        return f"it cannot be read: {error.strerror or error}"
+    return "" if same else describe_change(size, written["size_bytes"])
 
 
 def check_calibrations(runs: Path, paths: Sequence[Path], rows: Rows, running: bool) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ from service.jobs.job import Job, UnpreparedScan
 from service.jobs.live_scan import keep_recording, run_live_scan
 from service.jobs.runner import JobCancelledError
 from service.metrics.scans import ScanMetrics
-from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome
+from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome, hash_and_size
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
 from service.states import ScanState
@@ -237,9 +237,11 @@ class ScanWork:
         drawn, results = self._store.folder.incoming(f"{scan.id}.png"), self._store.folder.results(scan.id)
         try:
             if complete and drawn.exists() and results.exists():  # retention may have removed the result meanwhile
+                picture = hash_and_size(drawn.read_bytes())
                 drawn.replace(results / PREVIEW)
+                self._store.scans.add_file(scan.id, PREVIEW, picture)
             drawn.unlink(missing_ok=True)  # an incomplete file
-        except OSError as error:
+        except (OSError, sqlite3.Error) as error:
             log.warning("the preview of scan %s could not be kept: %s", scan.id, error)
         finally:
             self.drawing = None

@@ -2,7 +2,7 @@
 
 import io
 from dataclasses import dataclass
-from pathlib import Path
+from typing import BinaryIO
 from zipfile import BadZipFile
 
 import numpy as np
@@ -38,20 +38,20 @@ def to_npz(stored: StoredHeightMap) -> bytes:
     return file.getvalue()
 
 
-def read_npz(path: Path) -> StoredHeightMap:
-    """Read the file of a height map.
+def read_npz(file: BinaryIO) -> StoredHeightMap:
+    """Read the open file of a height map.
 
     Raises:
         HeightMapError: The file is damaged.
         OSError: The file cannot be read.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(file, allow_pickle=False) as arrays:
             numbers, z_m = arrays["numbers"], arrays["z_m"]
     except (ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise HeightMapError(f"{path.name} is not a height map: {error}") from error
+        raise HeightMapError(f"it is not a height map: {error}") from error
     valid = numbers.shape == (5,) and np.isfinite(numbers).all() and z_m.ndim == 2 and z_m.size <= MAX_CELLS
     if not valid or z_m.dtype != np.float32 or np.isinf(z_m).any() or numbers[2] <= 0:
-        raise HeightMapError(f"{path.name} is not a height map: its values are not those of one")
+        raise HeightMapError("it is not a height map: its values are not those of one")
     x_m, y_m, cell_m, table_z_m, min_height_m = numbers.tolist()
     return StoredHeightMap(HeightMap(x_m, y_m, cell_m, z_m), table_z_m, min_height_m)

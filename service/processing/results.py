@@ -246,7 +246,7 @@ def add_recording_hash(results: Path, model: Mapping[str, Any], sha256: str, out
     document = {**model, "provenance": {**model["provenance"], "recording_sha256": sha256}}
     content = json.dumps(document, allow_nan=False).encode()
     replace_synced(results / MODEL, content)
-    return replace(outcome, files=outcome.files | {MODEL: _hash_and_size(content)})
+    return replace(outcome, files=outcome.files | {MODEL: hash_and_size(content)})
 
 
 def _noting_stamps(views: Iterable[View], stamps: list[float]) -> Iterator[View]:
@@ -294,7 +294,7 @@ def write_results(recognition: "Recognition", folder: Path) -> Outcome:
         model.quality.findings,
         _has_excluded_views(model),
         None if recognition.registration is None else recognition.registration.hand_eye_error,
-        {name: _hash_and_size(content) for name, content in contents.items()},
+        {name: hash_and_size(content) for name, content in contents.items()},
         dict(model.timing_s),
         view_outcomes(recognition),
     )
@@ -320,7 +320,8 @@ def to_ply(points: NDArray[np.float64]) -> bytes:
     return header.encode() + np.ascontiguousarray(points, dtype="<f4").tobytes()
 
 
-def _hash_and_size(content: bytes) -> dict[str, Any]:
+def hash_and_size(content: bytes) -> dict[str, Any]:
+    """Return what the row of a scan says about a file of its result, as JSON values."""
     return {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
 
 

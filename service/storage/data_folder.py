@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 from pathlib import Path
-from typing import IO
+from typing import IO, BinaryIO
 
 from service.states import ID_PATTERN
 
@@ -74,9 +74,23 @@ class DataFolder:
         """Return the folder with the results of a scan. Raises OutsideError."""
         return _inside(self.root / "scans", _plain(scan_id))
 
+    def result(self, scan_id: str, name: str) -> Path:
+        """Return the path of a file of the results of a scan. Raises OutsideError."""
+        return _inside(self.results(scan_id), name)
+
     def incoming(self, name: str) -> Path:
         """Return a path for a file that is being written, on the same file system. Raises OutsideError."""
         return _inside(self._incoming, name)
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a file for reading. A link is not followed, also if it took the place of the file a moment ago.
+
+    Raises:
+        OSError: The file cannot be opened. ELOOP: It is a link.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)  # Windows has only the latter
+    return os.fdopen(os.open(path, flags), "rb")
 
 
 def _plain(row_id: str) -> str:

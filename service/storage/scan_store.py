@@ -87,6 +87,12 @@ class ScanStore:
         with self._database.transaction() as db:
             db.execute("UPDATE scans SET timing = ? WHERE id = ?", (stored(timing), scan_id))
 
+    def add_file(self, scan_id: str, name: str, hash_and_size: dict[str, Any]) -> None:
+        """Write hash and size of a file that was added to the result of a scan. This is no event."""
+        sql = "UPDATE scans SET files = json_set(coalesce(files, '{}'), '$.\"' || ? || '\"', json(?)) WHERE id = ?"
+        with self._database.transaction() as db:
+            db.execute(sql, (name, stored(hash_and_size), scan_id))
+
     def update(self, scan_id: str, only_in: Sequence[ScanState] = ACTIVE_STATES, **values: Any) -> bool:
         """Set columns of a scan if its state is one of `only_in`. Return whether they were set."""
         with self._events.transaction() as change:

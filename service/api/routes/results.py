@@ -133,8 +133,9 @@ async def get_thumbnail(id: Id, service: Service, if_none_match: IfNoneMatch) ->
     await _wait_for_preview(id, service)
 
     def stat_preview() -> tuple[Path, int, str]:
-        path = result_path(find_scan(id, service), service, PREVIEW)
-        file_stat, etag = stat_file(path)
+        scan = find_scan(id, service)
+        path = result_path(scan, service, PREVIEW)
+        file_stat, etag = stat_file(path, **hash_and_size(scan, PREVIEW))
         return path, file_stat.st_size, etag
 
     path, size_bytes, etag = await service.response_cache.get(("thumbnail", id), stat_preview)

@@ -178,6 +178,34 @@ def test_a_height_map_is_checked_if_the_result_has_one(data: Data) -> None:
     assert data.codes() == set()
 
 
+@pytest.mark.parametrize("damage", ["missing", "longer", "flipped", "a link"])
+def test_a_damaged_picture_is_moved_to_lost_and_found_and_its_result_stays(
+    data: Data, tmp_path: Path, damage: str
+) -> None:
+    path = data.root / "scans" / REPLAY / "preview.png"
+    path.write_bytes(b"png\n")
+    assert data.codes() == set()  # an earlier release, which recorded no hash, drew it
+    files = json.loads(str(data.row("SELECT files FROM scans WHERE id = ?", REPLAY)[0]))
+    files["preview.png"] = {"sha256": hashlib.sha256(b"png\n").hexdigest(), "size_bytes": 4}
+    data.change("UPDATE scans SET files = ? WHERE id = ?", json.dumps(files), REPLAY)
+    assert data.codes() == set()
+    {
+        "missing": path.unlink,
+        "longer": lambda: path.write_bytes(b"png\n\n"),
+        "flipped": lambda: flip_byte(path, 1),
+        "a link": lambda: path.rename(tmp_path / "png") and path.symlink_to(tmp_path / "png"),
+    }[damage]()
+    assert data.codes() == {"picture-changed"}
+    assert bool(data.codes(quick=True)) == (damage != "flipped")
+    data.repair()
+    assert not os.path.lexists(path)
+    assert data.row("SELECT state FROM scans WHERE id = ?", REPLAY) == ("succeeded",)
+    left = json.loads(str(data.row("SELECT files FROM scans WHERE id = ?", REPLAY)[0]))
+    assert left.keys() == {"model.json", "cloud.ply"}
+    if damage != "missing":
+        assert os.path.lexists(data.lost("preview.png"))
+
+
 def test_a_result_of_an_older_version_has_no_hashes(data: Data) -> None:
     data.change("UPDATE scans SET files = NULL")
     flip_byte(data.root / "scans" / REPLAY / "cloud.ply", 1)

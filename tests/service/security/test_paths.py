@@ -3,12 +3,16 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import anyio
 import httpx2
 import pytest
+from starlette.responses import StreamingResponse
 
+from service.api.file_responses import MAX_BUFFERED_BYTES, send_file
 from service.storage.data_folder import DataFolder, OutsideError
-from tests.service.conftest import ServedClient
+from tests.service.conftest import ServedClient, wait_until
 from tests.service.security.conftest import connect, port_of, read_all
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
@@ -118,3 +122,55 @@ def test_a_link_instead_of_a_recording_is_refused(
     finally:
         file.unlink()
         kept.rename(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "routes"),
+    [
+        ("model.json", ("model", "grasps")),
+        ("cloud.ply", ("cloud.ply",)),
+        ("height-map.npz", ("height-map", "height-map.png")),
+        ("preview.png", ("preview.png", "thumbnail.png")),
+    ],
+)
+@pytest.mark.problem("outside-data-folder")
+def test_a_link_instead_of_a_result_is_refused(
+    client: ServedClient,
+    scan: dict[str, Any],
+    tmp_path: Path,
+    assert_problem: AssertProblem,
+    name: str,
+    routes: tuple[str, ...],
+) -> None:
+    file = client.app.state.context.store.folder.results(scan["id"]) / name
+    wait_until(file.exists)  # the preview is drawn last
+    kept = file.rename(tmp_path / "kept")
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"private".ljust(kept.stat().st_size))  # the size does not give it away
+    file.symlink_to(secret)
+    try:
+        for route in routes:
+            answer = client.get(f"/api/scans/{scan['id']}/{route}")
+            assert b"private" not in answer.content
+            assert_problem(answer, 403, "outside-data-folder")
+    finally:
+        file.unlink()
+        kept.rename(file)
+
+
+@pytest.mark.parametrize("size", [10, MAX_BUFFERED_BYTES + 1], ids=["small", "large"])
+def test_a_link_that_just_took_the_place_of_a_file_is_not_sent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    (secret := tmp_path / "secret").write_bytes(bytes(size))
+    (path := tmp_path / "link").symlink_to(secret)
+    monkeypatch.setattr(Path, "lstat", Path.stat)  # as if the link was made after this call
+
+    async def send() -> None:
+        response = send_file(path, "text/plain")
+        assert isinstance(response, StreamingResponse)
+        async for _ in response.body_iterator:
+            pass
+
+    with pytest.raises(OSError, match="symbolic links"):
+        anyio.run(send)

@@ -10,9 +10,11 @@ import httpx2
 import numpy as np
 import pytest
 
+from service.api.images.image_cache import shrink_image
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
+from service.problems.problem_error import ProblemError
 from service.states import ScanState
 from service.storage.data_folder import PREVIEW
 from service.storage.database import new_id
@@ -54,21 +56,26 @@ def test_a_client_with_the_current_version_gets_304(client: ServedClient, scan: 
     assert first.headers["ETag"] != client.get(scan["links"]["preview"]).headers["ETag"]
 
 
-@pytest.mark.parametrize("content", [b"", b"\x89PNG, or so", None], ids=["empty", "damaged", "missing"])
+@pytest.mark.parametrize("damage", ["empty", "missing"])
 def test_a_damaged_image_is_not_sent(
-    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, content: bytes | None
+    client: ServedClient, scan: dict[str, Any], assert_problem: AssertProblem, damage: str
 ) -> None:
     path = client.app.state.context.store.folder.results(scan["id"]) / PREVIEW
     whole = path.read_bytes()
     try:
-        path.unlink() if content is None else path.write_bytes(content)
+        path.unlink() if damage == "missing" else path.write_bytes(b"")
         time.sleep(MAX_AGE_S)  # until the cached value expires
-        problem = (404, "no-result") if content is None else (500, "damaged")
-        assert_problem(client.get(scan["links"]["thumbnail"]), *problem)
+        assert_problem(client.get(scan["links"]["thumbnail"]), 500, "damaged")
     finally:
         path.write_bytes(whole)
         time.sleep(MAX_AGE_S)
     assert client.get(scan["links"]["thumbnail"]).status_code == 200
+
+
+@pytest.mark.parametrize("content", [b"", bytes(100), b"\x89PNG, or so"])
+def test_an_image_that_cannot_be_decoded_is_damaged(content: bytes) -> None:
+    with pytest.raises(ProblemError, match="the picture is damaged, the model is not"):
+        shrink_image(content, 240)
 
 
 @pytest.mark.parametrize(
