@@ -1,6 +1,6 @@
 """Content of a recording, grouped by view, for the whole file or up to a condition."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,12 @@ from cell.recording.limits import Limits
 from cell.recording.mcap_stream import Ending, TopicMessage, read_contents
 from cell.recording.messages import (
     CALIBRATION,
+    COLOUR,
     DEPTH,
     POSE,
     SCHEMAS,
     PinholeCalibration,
+    UnusableColourError,
     decode_calibration,
     decode_colour,
     decode_depth,
@@ -48,8 +50,8 @@ class Contents:
 
     views: dict[int, Parts] = field(default_factory=dict)
     """Parts of each view, by its index."""
-    not_taken: list[str] = field(default_factory=list)
-    """Messages about content that was not read."""
+    unusable_colour: dict[int, str] = field(default_factory=dict)
+    """Why the colour image of a view cannot be used, by the index of the view."""
     metadata: dict[str, str] | None = None
     """Fields of the `pointchain` metadata."""
     hand_eye: bytes | None = None
@@ -91,7 +93,7 @@ def collect(
             case TopicMessage(topic=topic) if topic in SCHEMAS:
                 if not wanted(item):
                     continue
-                contents.not_taken.extend(_take(item, contents.views, limits))
+                _take(item, contents, limits)
             case Metadata(name=name) if name == METADATA:
                 if contents.metadata is not None:
                     raise RecordingHeaderError(f"{path.name} has its {METADATA!r} metadata twice")
@@ -111,39 +113,23 @@ def collect(
     return contents
 
 
-def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Iterator[str]:
-    """Add a message to its view, and yield a message about content that is not read."""
+def _take(message: TopicMessage, contents: Contents, limits: Limits) -> None:
+    """Add a message to its view."""
     topic, index = message.topic, message.sequence
     where = f"view {index}"
-    wanted = SCHEMAS[topic].DESCRIPTOR.full_name
-    if (message.encoding, message.schema) != ("protobuf", wanted):
-        raise RecordingContentError(
-            f"{topic} has messages of type {message.schema[:60]!r} in encoding {message.encoding[:20]!r}; "
-            f"only {wanted!r} in encoding 'protobuf' is read"
-        )
-    if topic in (POSE, CALIBRATION) and len(message.data) > limits.metadata_bytes:
-        raise RecordingTooLargeError(
-            f"{where}: {topic} has {len(message.data)} bytes; {limits.metadata_bytes} at most are read"
-        )
-    part: Any
-    if topic == POSE:
-        part, name = decode_pose(message.data, where), "pose"
-        if part is None:  # the transform of other frames
-            return
-    elif topic == CALIBRATION:
-        part, name = decode_calibration(message.data, where), "calibration"
-    elif topic == DEPTH:
-        part, name = decode_depth(message.data, where, limits.image_pixels), "depth"
-    else:
-        (part, kind), name = decode_colour(message.data, where), "colour"
-        if kind.lower() not in ("jpeg", "jpg"):
-            yield f"{where} has its colour image as {kind!r}; only jpeg is supported"
-            return
+    try:
+        part, name = _decode(message, where, limits)
+    except UnusableColourError as error:
+        if index < limits.views:
+            contents.unusable_colour.setdefault(index, str(error))
+        return
+    if part is None:  # the transform of other frames
+        return
     if index >= limits.views:
         raise RecordingTooLargeError(
             f"{where} ({topic}): view indices, given by `sequence`, are from 0 to {limits.views - 1}"
         )
-    parts = views.setdefault(index, Parts(message.log_time_ns))
+    parts = contents.views.setdefault(index, Parts(message.log_time_ns))
     if getattr(parts, name) is not None:
         raise RecordingContentError(f"{where} is duplicated: it has two messages on {topic}")
     if parts.log_time_ns != message.log_time_ns:
@@ -151,3 +137,24 @@ def _take(message: TopicMessage, views: dict[int, Parts], limits: Limits) -> Ite
             f"{where}: its messages have different times, {parts.log_time_ns} ns and {message.log_time_ns} ns ({topic})"
         )
     setattr(parts, name, part)
+
+
+def _decode(message: TopicMessage, where: str, limits: Limits) -> tuple[Any, str]:
+    """Return the part of a view in a message, and its name in `Parts`. None: it is no part of a view."""
+    topic, wanted = message.topic, SCHEMAS[message.topic].DESCRIPTOR.full_name
+    if (message.encoding, message.schema) != ("protobuf", wanted):
+        what = f"of type {message.schema[:60]!r} in encoding {message.encoding[:20]!r}"
+        if topic == COLOUR:
+            raise UnusableColourError(f"is {what}; only {wanted!r} in encoding 'protobuf' is read")
+        raise RecordingContentError(f"{topic} has messages {what}; only {wanted!r} in encoding 'protobuf' is read")
+    if topic in (POSE, CALIBRATION) and len(message.data) > limits.metadata_bytes:
+        raise RecordingTooLargeError(
+            f"{where}: {topic} has {len(message.data)} bytes; {limits.metadata_bytes} at most are read"
+        )
+    if topic == POSE:
+        return decode_pose(message.data, where), "pose"
+    if topic == CALIBRATION:
+        return decode_calibration(message.data, where), "calibration"
+    if topic == DEPTH:
+        return decode_depth(message.data, where, limits.image_pixels), "depth"
+    return decode_colour(message.data, limits.colour_pixels), "colour"

@@ -27,6 +27,8 @@ class Limits:
     """Number of views; all indices are smaller."""
     image_pixels: int = 4 * MIB
     """Width times height of a depth image, pixels."""
+    colour_pixels: int = 16 * MIB
+    """Width times height of a colour image, pixels."""
 
 
 DEFAULT_LIMITS = Limits()

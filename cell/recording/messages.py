@@ -1,5 +1,7 @@
 """Conversion of views to Foxglove messages and back. Every value of a message is checked before it is used."""
 
+import io
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import NotRigidError, from_quaternion, to_quaternion
 from cell.devices import View
-from cell.recording.errors import RecordingContentError, RecordingTooLargeError
+from cell.recording.errors import RecordingContentError, RecordingTooLargeError, shown
 
 POSE, CALIBRATION, DEPTH, COLOUR = "/tf", "/camera/calibration", "/camera/depth", "/camera/color"
 SCHEMAS = {
@@ -36,6 +38,10 @@ REACH_M = 100.0
 """Largest distance of a flange from its base."""
 FOCAL_MAX = 1e6
 """Largest focal length of a depth camera, pixels."""
+
+
+class UnusableColourError(ValueError):
+    """A colour image cannot be used. Its view is complete without it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +157,36 @@ def decode_depth(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint16]
     return np.ascontiguousarray(rows).view("<u2").astype(np.uint16)
 
 
-def decode_colour(data: bytes, where: str) -> tuple[bytes, str]:
-    """Return the compressed colour image of a foxglove.CompressedImage, and the name of its format."""
-    message = _decode(CompressedImage(), data, f"{where}: {COLOUR}")
-    return message.data, message.format[:20]
+def decode_colour(data: bytes, max_pixels: int) -> bytes:
+    """Return the JPEG of a foxglove.CompressedImage.
+
+    Raises:
+        UnusableColourError: It cannot be used. The message says why; the subject is the image.
+    """
+    from PIL import Image, UnidentifiedImageError  # only for recordings with colour images
+
+    message = CompressedImage()
+    try:
+        message.ParseFromString(data)
+    except DecodeError as error:
+        raise UnusableColourError(f"is not a {message.DESCRIPTOR.full_name}: {error}") from error
+    if message.format.lower() not in ("jpeg", "jpg"):
+        raise UnusableColourError(f"has the format {shown(message.format)!r}; only jpeg is supported")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(io.BytesIO(message.data), formats=["JPEG"])
+        if image.width * image.height > max_pixels:
+            raise UnusableColourError(f"has {image.width}x{image.height} pixels; {max_pixels} at most are read")
+        image.draft("L", (1, 1))  # an eighth of the size, which is faster; still all data is read
+        image.load()
+    except UnidentifiedImageError as error:
+        raise UnusableColourError("is no JPEG, though it has that format") from error
+    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
+        raise UnusableColourError(f"has too many pixels; {max_pixels} at most are read") from error
+    except (OSError, SyntaxError) as error:  # Pillow raises SyntaxError for a damaged file
+        raise UnusableColourError(f"is a damaged JPEG: {error}") from error
+    return message.data
 
 
 def _decode(message: Any, data: bytes, where: str) -> Any:

@@ -36,13 +36,16 @@ class Recording:
     """The complete views, at least one, in the order in which they were taken."""
     missing: tuple[str, ...]
     """Messages about what is missing; empty if the recording is complete."""
+    unusable_colour: tuple[str, ...] = ()
+    """Messages about colour images that cannot be used. Their views are complete without them."""
 
 
 def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> Recording:
     """Read all complete views of a recording, of ours or of another writer.
 
     A view without pose, calibration or depth image is excluded and named in `missing`. `missing` also says if the file
-    was cut off. A view with wrong content makes the whole recording refused.
+    was cut off. A view with wrong content makes the whole recording refused. Only its colour image is optional, because
+    recognition does not need it: one that cannot be used is left out, and named in `unusable_colour`.
 
     Args:
         path: The MCAP file.
@@ -58,7 +61,7 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
     contents = collect(path, limits)
     header = header_of(contents, path.name)
     complete: list[View] = []
-    missing = contents.not_taken
+    missing: list[str] = []
     for index in range(max(contents.views, default=-1) + 1):
         parts = contents.views.get(index)
         if parts is None and header.views_as_needed:
@@ -78,7 +81,7 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
             f"the recording is cut off: it has {count}, and anything after view {complete[-1].index} is lost; "
             f"scan again, or copy the file again if its copy is incomplete ({contents.cut})"
         )
-    return Recording(header, tuple(complete), tuple(missing))
+    return Recording(header, tuple(complete), tuple(missing), tuple(_unusable_colour(contents)))
 
 
 def read_result(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS) -> dict[str, Any] | None:
@@ -159,14 +162,24 @@ def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | 
 
 
 def _why_none(contents: Contents) -> str:
-    by_reason: dict[str, list[str]] = {}
-    for index in sorted(contents.views):
-        by_reason.setdefault(_lacking(contents.views[index]), []).append(str(index))
-    reasons = [f"view {', '.join(indices)} {reason}" for reason, indices in by_reason.items()]
+    reasons = _by_reason({index: _lacking(parts) for index, parts in contents.views.items()})
     reasons = reasons or ["it has no message of any view"]
     if contents.cut:
         reasons.append(f"the recording is cut off, copy the file again, or scan again ({contents.cut})")
     return "; ".join(reasons)
+
+
+def _unusable_colour(contents: Contents) -> list[str]:
+    reasons = {index: f"has no colour image: it {reason}" for index, reason in contents.unusable_colour.items()}
+    return _by_reason(reasons)
+
+
+def _by_reason(reasons: dict[int, str]) -> list[str]:
+    """Return one message for each reason, with the views that it holds for."""
+    by_reason: dict[str, list[str]] = {}
+    for index in sorted(reasons):
+        by_reason.setdefault(reasons[index], []).append(str(index))
+    return [f"view {', '.join(indices)} {reason}" for reason, indices in by_reason.items()]
 
 
 def _refuse_constant(name: str) -> NoReturn:

@@ -66,6 +66,7 @@ FindingCode = Literal[
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
+    "colour-unusable",
     "view-without-depth",
     "view-outside-workspace",
     "view-stuck",
@@ -437,6 +438,13 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         scope="nothing",
         meaning="The recording lacks something, for example because it was cut off.",
         action="Nothing, if the complete views suffice. Otherwise copy the file again, or scan again.",
+        decision="nothing",
+    ),
+    "colour-unusable": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Colour images of the recording cannot be used. Recognition does not need them.",
+        action="Nothing. To have them, write JPEG images.",
         decision="nothing",
     ),
     "view-without-depth": FindingType(

@@ -115,7 +115,7 @@ def _notes(model: PointChainModel) -> tuple[str, ...]:
     doubts = (f"{found.severity}: {found.message} [{found.code}]" for found in quality.doubts)
     notes = [found for found in quality.findings if found.severity == "note"]
     views = (found.message for found in notes if found.view is not None)
-    missing = (found.message for found in notes if found.code == "recording-incomplete")
+    missing = (found.message for found in notes if found.code in ("recording-incomplete", "colour-unusable"))
     return (*verdict, *doubts, *views, *missing)
 
 

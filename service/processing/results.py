@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.atomic_write import replace_synced, write_synced
 from cell.devices import View
-from cell.recording import RecordingHeader, read_recording
+from cell.recording import Recording, RecordingHeader, read_recording
 from recognition.errors import InsufficientViewsError
 from recognition.grasping.gripper import Gripper
 from recognition.model.document import finding_json
@@ -159,7 +159,7 @@ def recognise_recording(
     return recognise_views(
         recording.views,
         recording.header,
-        incomplete_findings(recording.missing),
+        recording_findings(recording),
         radius,
         method,
         on_stage,
@@ -269,9 +269,12 @@ def _provenance(header: RecordingHeader, last_stamp_s: float, source: Source) ->
     )
 
 
-def incomplete_findings(missing: Iterable[str]) -> list[Finding]:
-    """Return a note for each message about what is missing from a recording."""
-    return [finding("recording-incomplete", message) for message in missing]
+def recording_findings(recording: Recording, missing: Sequence[str] = ()) -> list[Finding]:
+    """Return a note for each message about a recording. `missing` has further messages about what is missing."""
+    return [
+        *(finding("recording-incomplete", message) for message in dict.fromkeys((*missing, *recording.missing))),
+        *(finding("colour-unusable", message) for message in recording.unusable_colour),
+    ]
 
 
 def write_results(recognition: "Recognition", folder: Path) -> Outcome:

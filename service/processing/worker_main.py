@@ -31,8 +31,8 @@ from service.processing.results import (
     WRITING,
     OnStage,
     Source,
-    incomplete_findings,
     recognise_views,
+    recording_findings,
     write_preview,
     write_results,
 )
@@ -195,7 +195,7 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> "Recognition"
     if isinstance(task.source, Path):
         on_stage(READING)
         recording = read_recording(task.source)
-        missing = incomplete_findings(dict.fromkeys((*task.missing, *recording.missing)))
+        missing = recording_findings(recording, task.missing)
         return _recognise_views(task, recording.views, recording.header, missing, on_stage)
     missing = []
     next_is_here = False

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 Points = NDArray[np.float64]
 R = 0.0042
-MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "more-views-needed", "pointchain-1"}
+MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "colour-unusable", "more-views-needed", "pointchain-1"}
 """Codes that the service makes, that of `test_stepwise`, and the code of old documents, which `test_schema_1` tests."""
 ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
 

@@ -28,6 +28,7 @@ from cell.recording import (
     read_recording,
     read_result,
 )
+from tests.cell.recording.jpeg import JPEG
 
 WIDTH, HEIGHT = 64, 40
 Messages = list[tuple[int, str, Any]]
@@ -173,16 +174,46 @@ def test_padded_rows_and_mono16_are_read(tmp_path: Path) -> None:
     assert_three_views(tmp_path / "f.mcap")
 
 
-def test_colour_images_must_be_jpeg(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("image", "reason"),
+    [
+        (CompressedImage(format="png", data=JPEG), "has the format 'png'; only jpeg is supported"),
+        (CompressedImage(format="jpeg", data=bytes(range(256))), "is no JPEG, though it has that format"),
+        (CompressedImage(format="jpeg", data=b""), "is no JPEG, though it has that format"),
+        (CompressedImage(format="jpeg", data=JPEG[: len(JPEG) // 2]), "is a damaged JPEG: "),
+    ],
+    ids=["png", "random", "empty", "truncated"],
+)
+def test_a_view_is_complete_without_a_colour_image_that_cannot_be_used(tmp_path: Path, image: Any, reason: str) -> None:
     foreign = Foreign()
-    foreign.messages += [
-        (0, "/camera/color", CompressedImage(format="jpeg", data=b"\xff\xd8")),
-        (1, "/camera/color", CompressedImage(format="png", data=b"\x89PNG")),
-    ]
+    foreign.messages += [(0, "/camera/color", CompressedImage(format="jpeg", data=JPEG))]
+    foreign.messages += [(view, "/camera/color", image) for view in (1, 2)]
     (tmp_path / "f.mcap").write_bytes(foreign.bytes())
     recording = read_recording(tmp_path / "f.mcap")
-    assert [view.colour_jpeg for view in recording.views] == [b"\xff\xd8", None, None]
-    assert recording.missing == ("view 1 has its colour image as 'png'; only jpeg is supported",)
+    assert [view.colour_jpeg for view in recording.views] == [JPEG, None, None]
+    assert recording.missing == ()
+    (message,) = recording.unusable_colour
+    assert message.startswith(f"view 1, 2 has no colour image: it {reason}")
+
+
+def test_colour_images_of_another_type_are_not_used(tmp_path: Path) -> None:
+    foreign = Foreign()
+    foreign.messages += [(view, "/camera/color", depth(view)) for view in range(3)]
+    (tmp_path / "f.mcap").write_bytes(foreign.bytes())
+    recording = read_recording(tmp_path / "f.mcap")
+    assert (len(recording.views), recording.missing) == (3, ())
+    reason = "it is of type 'foxglove.RawImage' in encoding 'protobuf'; only 'foxglove.CompressedImage' in encoding"
+    (message,) = recording.unusable_colour
+    assert message.startswith(f"view 0, 1, 2 has no colour image: {reason}")
+
+
+def test_a_colour_image_with_too_many_pixels_is_not_used(tmp_path: Path) -> None:
+    foreign = Foreign()
+    foreign.messages += [(0, "/camera/color", CompressedImage(format="jpeg", data=JPEG))]
+    (tmp_path / "f.mcap").write_bytes(foreign.bytes())
+    recording = read_recording(tmp_path / "f.mcap", Limits(colour_pixels=64 * 40 - 1))
+    assert recording.views[0].colour_jpeg is None
+    assert recording.unusable_colour == ("view 0 has no colour image: it has 64x40 pixels; 2559 at most are read",)
 
 
 def test_incomplete_views_are_excluded_and_reported(tmp_path: Path) -> None:

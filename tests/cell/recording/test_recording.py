@@ -33,6 +33,7 @@ from cell.recording import (
     read_result,
 )
 from cell.recording.limits import MIB
+from tests.cell.recording.jpeg import JPEG
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
 HEADER = RecordingHeader(
@@ -77,7 +78,7 @@ def make_view(index: int) -> View:
         T_base_flange=from_rotation_vector((0.3, 0.01 * index, 0.4), (0.1 * index, 3.0, 0.1)),
         T_flange_camera=T_FLANGE_CAMERA,
         stamp_s=1781327023.9200273 + 0.1 * index,  # multiplied by 1e9 and rounded to a double, it is another stamp
-        colour_jpeg=b"\xff\xd8 colour" if index % 2 else None,
+        colour_jpeg=JPEG if index % 2 else None,
     )
 
 
@@ -148,7 +149,7 @@ def views(draw: st.DrawFn) -> View:
         T_flange_camera=T_FLANGE_CAMERA,
         # Stamps are stored in nanoseconds. Doubles are coarser than that from 2^23 s (97 days after the epoch) on.
         stamp_s=draw(st.just(0.0) | st.floats(2**23, 2**33, exclude_max=True)),
-        colour_jpeg=draw(st.none() | st.binary(min_size=1, max_size=50)),
+        colour_jpeg=draw(st.sampled_from([None, JPEG])),
     )
 
 

@@ -19,6 +19,7 @@ from mcap.records import ChunkIndex
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from cell.recording import RecordingError, RecordingHeader, RecordingWriter, read_recording
+from tests.cell.recording.jpeg import JPEG
 
 ROOT = Path(__file__).parents[3]
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
@@ -37,7 +38,7 @@ def make_view(index: int) -> View:
         T_base_flange=from_rotation_vector((0.3, 0.01 * index, 0.4), (0.1 * index, 3.0, 0.1)),
         T_flange_camera=T_FLANGE_CAMERA,
         stamp_s=1.79e9 + 0.1 * index,
-        colour_jpeg=b"\xff\xd8 colour" if index % 2 else None,
+        colour_jpeg=JPEG if index % 2 else None,
     )
 
 

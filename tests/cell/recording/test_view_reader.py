@@ -19,6 +19,7 @@ from cell.recording import (
 )
 from cell.recording.limits import DEFAULT_LIMITS
 from cell.recording.view_reader import read_poses, read_view
+from tests.cell.recording.jpeg import JPEG
 from tests.cell.recording.test_foreign_recording import Foreign, depth_of
 
 T_FLANGE_CAMERA = from_rotation_vector((0.03, -0.06, 0.05), (0.05, 0.02, -1.55))
@@ -35,7 +36,7 @@ def make_view(index: int) -> View:
         T_base_flange=from_rotation_vector((0.3, 0.01 * index, 0.4), (0.1 * index, 3.0, 0.1)),
         T_flange_camera=T_FLANGE_CAMERA,
         stamp_s=1.79e9 + 0.1 * index,
-        colour_jpeg=b"\xff\xd8 colour",
+        colour_jpeg=JPEG,
     )
 
 

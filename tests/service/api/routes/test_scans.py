@@ -103,6 +103,24 @@ def test_missing_views_make_a_partial_result(
     assert "the file ends" in incomplete["message"]
 
 
+def test_unusable_colour_images_are_a_note_and_the_result_is_whole(
+    client: httpx2.Client, recording_file: Path, finished: Finished, tmp_path: Path
+) -> None:
+    radius_m = read_recording(recording_file).header.string_radius_m
+
+    def with_random_colour(view: View) -> View:
+        return replace(view, colour_jpeg=np.random.default_rng(view.index).bytes(1000))
+
+    path = rewrite(recording_file, tmp_path / "random-colour.mcap", radius_m, with_random_colour)
+    recording = upload(client, path)
+    assert client.get(f"/api/recordings/{recording}").json()["missing"] == []
+    scan = finished(client, start(client, recording))
+    assert scan["state"] == "succeeded"
+    (note,) = findings_of(client, scan, "colour-unusable")
+    assert note["severity"] == "note"
+    assert note["message"] == "view 0, 1, 2, 3 has no colour image: it is no JPEG, though it has that format"
+
+
 def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
     """Write a copy of the recording with each view changed."""
     recording = read_recording(source)
