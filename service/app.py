@@ -11,6 +11,7 @@ from starlette.staticfiles import StaticFiles
 
 from cell.control.cell import Cell
 from service.api.dependencies import Context
+from service.api.head_requests import HeadRequests
 from service.api.images.image_cache import ImageCache
 from service.api.openapi import format_json, operation_id, refine_openapi
 from service.api.problem_handlers import install_problem_handlers
@@ -33,7 +34,7 @@ from service.api.routes import (
 from service.api.routes import metrics as metrics_route
 from service.api.schemas.addresses import RECORDINGS
 from service.api.stop_priority import StopPriority
-from service.api.strict_query import reject_unfit_parameters
+from service.api.strict_request import reject_other_encodings, reject_unfit_parameters
 from service.config.loader import ServiceConfig, load_config
 from service.events.cell_events import publish_changes
 from service.events.stream_slots import StreamSlots
@@ -97,7 +98,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         servers=[{"url": "/"}],
         license_info={"name": "Apache License 2.0", "identifier": "Apache-2.0"},
         lifespan=lifespan,
-        dependencies=[Depends(reject_unfit_parameters)],
+        dependencies=[Depends(reject_unfit_parameters), Depends(reject_other_encodings)],
         openapi_url=None,  # the routes in `docs` serve the description and its page
         generate_unique_id_function=operation_id,
     )
@@ -108,6 +109,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
     refine_openapi(app)
     app.add_middleware(StopPriority)  # inside the security layer: unauthorised stops delay no other request
     install_security(app, config, audit, upload_path=RECORDINGS)
+    app.add_middleware(HeadRequests)  # outside the security layer, which has no calls with HEAD
     app.state.metrics = metrics
     app.add_middleware(AccessLogMiddleware, metrics=metrics.requests)  # added last, so it is the outermost
     install_problem_handlers(app)

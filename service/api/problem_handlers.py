@@ -2,6 +2,7 @@
 
 import math
 import sqlite3
+import sys
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote
@@ -65,13 +66,25 @@ async def _on_http_exception(request: Request, error: Exception) -> JSONResponse
     assert isinstance(error, HTTPException)
     headers = dict(error.headers or {})
     if error.status_code == 400:
-        return _respond(request, "bad-request", str(error.detail), headers)
+        return _respond(request, "bad-request", _why_unreadable(error), headers)
     if error.status_code == 404:
         return _respond(request, "not-found", "there is nothing at this address; /docs lists what there is", headers)
     if error.status_code == 405:
         detail = f"{request.method} is not possible here"
         return _respond(request, "method-not-allowed", detail, headers, parameters={"method": request.method})
     return _respond(request, "http-error", str(error.detail), headers)
+
+
+def _why_unreadable(error: HTTPException) -> str:
+    """Return why a body cannot be read. FastAPI has only the exception as a reason."""
+    match error.__cause__:
+        case RecursionError():
+            return "the body has too many lists or objects inside one another"
+        case UnicodeDecodeError() as cause:
+            return f"the body is not UTF-8, as JSON must be (RFC 8259): {cause.reason} at byte {cause.start}"
+        case ValueError() as cause if "digits" in str(cause):
+            return f"the body has an integer of more than {sys.get_int_max_str_digits()} digits"
+    return str(error.detail)
 
 
 async def _on_invalid_request(request: Request, error: Exception) -> JSONResponse:

@@ -41,7 +41,7 @@ class CompressedFiles(StaticFiles):
 FILES = CompressedFiles(directory=BUILT, check_dir=False)
 
 
-@router.api_route("/", methods=["GET", "HEAD"])
+@router.get("/")
 async def console_page(request: Request) -> Response:
     """Return the page of the console."""
     try:

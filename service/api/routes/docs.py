@@ -65,7 +65,7 @@ async def start() -> Response:
     return Response(SCRIPT, media_type="text/javascript")
 
 
-@router.api_route(DESCRIPTION, methods=["GET", "HEAD"])
+@router.get(DESCRIPTION)
 async def description(request: Request, service: Service) -> Response:
     """Return the OpenAPI document.
 

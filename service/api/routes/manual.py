@@ -35,7 +35,7 @@ FILES = ManualFiles(directory=MANUAL_FOLDER, html=True, check_dir=False)
 router = APIRouter(include_in_schema=False)
 
 
-@router.api_route(MANUAL, methods=["GET", "HEAD"])
+@router.get(MANUAL)
 async def manual_start() -> RedirectResponse:
     """Redirect to the manual's first page. Its links are relative, so the address needs the slash."""
     return RedirectResponse(f"{MANUAL}/")

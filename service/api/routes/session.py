@@ -3,10 +3,10 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from service.api.problem_responses import problem_responses
-from service.api.schemas.base import ApiModel
+from service.api.schemas.base import ApiModel, RequestModel
 from service.security.auth.authentication import Authenticator
 from service.security.auth.caller import Caller, Role
 from service.security.auth.code_sign_in import CodeSignIn
@@ -34,19 +34,15 @@ class SessionResource(ApiModel):
     """Null if no caller is signed in and a token is needed."""
 
 
-class TokenSignInRequest(ApiModel):
+class TokenSignInRequest(RequestModel):
     """Body of a request to sign in with a token."""
-
-    model_config = ConfigDict(extra="forbid")
 
     token: Annotated[str, Field(max_length=200, json_schema_extra={"writeOnly": True})]
     """A token from `pointchain token add`."""
 
 
-class CodeSignInRequest(ApiModel):
+class CodeSignInRequest(RequestModel):
     """Body of a request to sign in with a code."""
-
-    model_config = ConfigDict(extra="forbid")
 
     code: Annotated[str, Field(max_length=100, json_schema_extra={"writeOnly": True})]
     """A code from `pointchain token code`. Lower case, spaces and dashes are accepted."""

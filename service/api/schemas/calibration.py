@@ -17,7 +17,7 @@ from calibration.target.board import (
     board_with_defaults,
 )
 from cell.control.calibration_run import GRID_COLUMNS, GRID_ROWS
-from service.api.schemas.base import ApiModel
+from service.api.schemas.base import ApiModel, RequestModel
 from service.api.schemas.problem import Problem
 from service.api.schemas.scans import WHOLE_NUMBER, Id
 from service.states import ScanState, ViewState
@@ -39,10 +39,10 @@ COUNT: dict[str, JsonValue] = {"minimum": min(MIN_PER_SIDE.values()), "maximum":
 LENGTH: dict[str, JsonValue] = {"minimum": MIN_PITCH_M, "maximum": MAX_PITCH_M}
 
 
-class BoardRequest(ApiModel):
+class BoardRequest(RequestModel):
     """A calibration board, as printed. Omitted members are those of the default board."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    model_config = ConfigDict(allow_inf_nan=False, strict=True)
 
     kind: BoardKind | None = None
     columns: Annotated[int, WHOLE_NUMBER] | None = Field(default=None, json_schema_extra=COUNT)
@@ -65,10 +65,8 @@ class BoardRequest(ApiModel):
         return board_with_defaults(self.model_dump(exclude_none=True))
 
 
-class CalibrationRequest(ApiModel):
+class CalibrationRequest(RequestModel):
     """Body of a request for a calibration by the cell."""
-
-    model_config = ConfigDict(extra="forbid")
 
     board: BoardRequest | None = None
     """The board on the table. Null means the default board."""

@@ -12,7 +12,7 @@ from cell.control.status import CellStatus, State
 from cell.devices import RobotMode, SafetyMode
 from cell.errors import RobotLostError
 from cell.planning.viewpoints import ViewpointPlan
-from service.api.schemas.base import ApiModel
+from service.api.schemas.base import ApiModel, RequestModel
 from service.api.schemas.calibration import CellWarning
 from service.api.schemas.scans import ViewChoice
 from service.jobs.interventions import Intervention, Interventions
@@ -140,7 +140,7 @@ def viewpoints_resource(plan: ViewpointPlan) -> ViewpointsResource:
     )
 
 
-class PlanRequest(ApiModel):
+class PlanRequest(RequestModel):
     """Number of viewpoints to plan. Null means as configured."""
 
     views: ViewChoice | None = None

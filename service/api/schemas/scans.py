@@ -6,7 +6,7 @@ The document of the point chain model is defined in `recognition.model.document`
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, Field, StrictBool
+from pydantic import BeforeValidator, Field, StrictBool
 
 from cell.config.cell_config import ScanViews
 from cell.config.scan_views import VIEWS_NEEDED
@@ -14,7 +14,7 @@ from recognition.model.document import FindingDocument
 from recognition.model.model import Method
 from recognition.model.trust import Verdict
 from recognition.parameters import R_MAX, R_MIN
-from service.api.schemas.base import ApiModel
+from service.api.schemas.base import ApiModel, RequestModel
 from service.api.schemas.problem import Problem
 from service.processing.height_map_file import StoredHeightMap
 from service.states import ID_PATTERN, ScanState, ViewState
@@ -51,9 +51,7 @@ ViewChoice = Annotated[ScanViews, BeforeValidator(_refuse_text)]
 """Number of viewpoints as a JSON number, or "auto"."""
 
 
-class _Request(ApiModel):
-    model_config = ConfigDict(extra="forbid")
-
+class _Request(RequestModel):
     string_radius_m: Radius | None = None
     """Radius of the string. Null means that of the recording or the cell; if that has none, it is measured."""
     method: Method = "graph"
@@ -79,10 +77,8 @@ class LiveScanRequest(_Request):
     means as configured."""
 
 
-class ReprocessRequest(ApiModel):
+class ReprocessRequest(RequestModel):
     """Body of a request to recognise the views of a scan again. Omitted members are as in that scan."""
-
-    model_config = ConfigDict(extra="forbid")
 
     string_radius_m: Radius | None = None
     """Radius of the string. Null means that it is measured, even if the recording has one."""
@@ -91,10 +87,8 @@ class ReprocessRequest(ApiModel):
     """Whether the model also has the grasps on parts of strings with a doubt."""
 
 
-class KeepRequest(ApiModel):
+class KeepRequest(RequestModel):
     """Whether a scan is kept at any age."""
-
-    model_config = ConfigDict(extra="forbid")
 
     kept: StrictBool
 

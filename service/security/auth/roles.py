@@ -20,19 +20,13 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "GET /docs": "open",
     "GET /docs/start.js": "open",
     f"GET {DOCS_FILES}/{{path:path}}": "open",
-    f"HEAD {DOCS_FILES}/{{path:path}}": "open",
     "GET /openapi.json": "open",
-    "HEAD /openapi.json": "open",
     # The manual is public text, which people also need before they sign in.
     f"GET {MANUAL}": "open",
-    f"HEAD {MANUAL}": "open",
     f"GET {MANUAL}/{{path:path}}": "open",
-    f"HEAD {MANUAL}/{{path:path}}": "open",
     # The operator's console, which has the page to sign in.
     "GET /": "open",
-    "HEAD /": "open",
     f"GET {CONSOLE_FILES}/{{path:path}}": "open",
-    f"HEAD {CONSOLE_FILES}/{{path:path}}": "open",
     "GET /api/session": "open",
     "POST /api/session": "open",
     "DELETE /api/session": "open",
@@ -83,7 +77,7 @@ MIN_ROLE: dict[str, Role | Literal["open"]] = {
     "POST /api/calibration/verify": "maintainer",
     "POST /api/calibration/runs/{id}/activate": "maintainer",
 }
-"""Minimum role by method and path. An `open` call needs no token."""
+"""Minimum role by method and path. An `open` call needs no token. A HEAD request counts as GET."""
 
 STOP_CALLS = frozenset(call for call in MIN_ROLE if call.endswith(("/stop", "/cancel")))
 """Calls that must never be delayed."""
@@ -132,4 +126,6 @@ def find_call(method: str, path: str) -> Call | OtherMethods | None:
             if known == method:
                 return call
             others.add(known)
+    if "GET" in others:
+        others.add("HEAD")
     return OtherMethods(tuple(sorted(others))) if others else None

@@ -53,6 +53,7 @@ class Gate:
         """Check a request, and set the call and the caller in its state; raise ProblemError to refuse it."""
         state = scope.setdefault("state", {})
         check_size(scope)
+        check_framing(Headers(scope=scope))
         self._hosts.check(scope)
         check_query(scope)
         found = find_call(scope["method"], scope["path"])
@@ -102,6 +103,23 @@ def check_size(scope: Scope) -> None:
     if sum(len(name) + len(value) + 4 for name, value in scope["headers"]) > MAX_HEADERS_BYTES:
         raise ProblemError(
             "headers-too-large", f"the headers have more than {MAX_HEADERS_BYTES} bytes", max_bytes=MAX_HEADERS_BYTES
+        )
+
+
+def check_framing(headers: Headers) -> None:
+    """Check that a request does not give the length of its body in two ways.
+
+    A proxy may read the other one than this server, and take a part of the body for a further request. The answer
+    closes the connection (RFC 9112, section 6.1).
+
+    Raises:
+        ProblemError: It gives both (`bad-request`).
+    """
+    if "content-length" in headers and "transfer-encoding" in headers:
+        raise ProblemError(
+            "bad-request",
+            "the request has Content-Length and Transfer-Encoding: send one of them",
+            {"Connection": "close"},
         )
 
 

@@ -180,7 +180,7 @@ def test_entries_that_the_database_does_not_accept_are_written_later(
     found = entries(database.parent)
     assert [one.what for one in found] == ["start", "POST /0", "POST /1", "POST /2", "POST /3"]
     assert [one.cell for one in found] == ["not_ready"] + ["ready"] * 4
-    assert "has lost 10 entries" in caplog.text
+    wait_until(lambda: "has lost 10 entries" in caplog.text)
     asyncio.run(log.record("anna", "operator", "POST /5", None, 200, None, wait=True))
     assert len(entries(database.parent)) == 6  # written at once again
     log.close()
