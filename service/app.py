@@ -81,7 +81,7 @@ def create_app(config: ServiceConfig) -> FastAPI:
         metrics.register(
             StateMetrics(context.cell, context.store.folder, lambda: jobs.recognition_starts, lambda: streams.open)
         )
-        audit.start(context.store.folder.database, lambda: context.cell.status.state)
+        audit.start(context.store.database.connect, lambda: context.cell.status.state)
         audit.add(SERVICE, "start")
         watchdog = EventLoopWatchdog(asyncio.get_running_loop(), jobs.stop_unattended)
         try:

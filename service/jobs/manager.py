@@ -34,8 +34,10 @@ from service.logs.request_time import arrival_time
 from service.metrics.scans import ScanMetrics
 from service.processing.worker import RecognitionWorker
 from service.states import ScanState
+from service.storage.database import new_id
 from service.storage.rows import CalibrationRow, ScanRow
 from service.storage.scan_store import KEPT
+from service.storage.storage_errors import storage_failure
 from service.storage.store import Store
 
 log = logging.getLogger(__name__)
@@ -58,6 +60,8 @@ would have to wait for a new process."""
 IDLE_CHECK_S = 1.0
 """Interval at which an idle service checks that a recognition process is ready."""
 
+CLEAN_UP_RETRY_S = 1.0
+"""Interval of retries to end the jobs of an earlier service."""
 START_CHECK_S = 0.05
 """The same interval while the process starts."""
 
@@ -75,7 +79,8 @@ class Jobs:
     ) -> None:
         """Clean up after an earlier service, then start the recognition process.
 
-        Unfinished jobs of the earlier service become interrupted, and its recordings without a row are added.
+        Unfinished jobs of the earlier service become interrupted, and its recordings without a row are added. If the
+        disk is full or the database is locked, that is done as soon as it is possible.
         """
         self._store = store
         self._cell = cell
@@ -98,16 +103,41 @@ class Jobs:
         self._accepted: queue.SimpleQueue[Job[Any] | None] = queue.SimpleQueue()
         self.submit = Submissions(store, cell, self._lock, self._accepted.put)
         """Accepts new jobs."""
-        store.scans.interrupt_unfinished()
-        store.calibrations.interrupt_unfinished()
-        # All scans without a recording: an earlier start may have been killed here, or the database was locked.
-        for scan in store.scans.without_recording():
-            try:
-                keep_recording(store, scan.id)
-            except OSError:
-                log.exception("the recording of scan %s cannot be read; the next start tries again", scan.id)
+        self._first_id = new_id()
+        """Earlier ids are of jobs of an earlier service."""
+        self._ending = threading.Event()
+        self._cleaning = threading.Thread(target=self._clean_up_later, name="clean-up", daemon=True)
+        if not self._clean_up():
+            self._cleaning.start()
         self._thread = threading.Thread(target=self._work, name="jobs", daemon=True)
         self._thread.start()
+
+    def _clean_up(self) -> bool:
+        """End the jobs of an earlier service. Return False if the disk is full or the database is locked."""
+        try:
+            self._store.scans.interrupt_unfinished(self._first_id)
+            self._store.calibrations.interrupt_unfinished(self._first_id)
+            # All scans without a recording: an earlier start may have been killed here, or the database was locked.
+            for scan in self._store.scans.without_recording(self._first_id):
+                try:
+                    keep_recording(self._store, scan.id)
+                except OSError:
+                    log.exception("the recording of scan %s cannot be read; the next start tries again", scan.id)
+        except sqlite3.Error as error:
+            if storage_failure(error, "") is None:
+                raise
+            log.warning("the jobs of the earlier service are not ended yet, and it is tried again: %s", error)
+            return False
+        return True
+
+    def _clean_up_later(self) -> None:
+        while not self._ending.wait(CLEAN_UP_RETRY_S):
+            try:
+                if self._clean_up():
+                    return
+            except sqlite3.Error:
+                log.exception("the jobs of the earlier service cannot be ended; the next start tries again")
+                return
 
     def drain(self) -> None:
         """Accept no further job, and end the running one as `interrupted`."""
@@ -125,6 +155,9 @@ class Jobs:
 
     def close(self) -> None:
         """Drain, and end the recognition process."""
+        self._ending.set()
+        if self._cleaning.ident is not None:
+            self._cleaning.join()
         try:
             self.drain()
         finally:

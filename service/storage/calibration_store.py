@@ -89,11 +89,15 @@ class CalibrationStore:
         sql = f"SELECT * FROM calibration_views WHERE calibration IN ({marks}) ORDER BY calibration, view"
         return self._database.all(to_calibration_view, sql, *calibration_ids)
 
-    def interrupt_unfinished(self) -> None:
-        """Mark runs that were active when the service ended as `interrupted`. Called when the service starts."""
+    def interrupt_unfinished(self, before: str) -> None:
+        """Mark runs that were active when an earlier service ended as `interrupted`.
+
+        Args:
+            before: Id that is later than theirs and earlier than those of this service.
+        """
         marks = ", ".join("?" * len(ACTIVE_STATES))
-        sql = f"SELECT * FROM {TABLE} WHERE state IN ({marks}) ORDER BY id"
-        for row in self._database.all(to_calibration, sql, *ACTIVE_STATES):
+        sql = f"SELECT * FROM {TABLE} WHERE state IN ({marks}) AND id < ? ORDER BY id"
+        for row in self._database.all(to_calibration, sql, *ACTIVE_STATES, before):
             detail = f"the service ended while this {row.kind} was under way; start another"
             self.end(row.id, "interrupted", Failure("interrupted", detail))
 

@@ -8,6 +8,7 @@ import errno
 import os
 import re
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, BinaryIO
 
@@ -54,9 +55,9 @@ class DataFolder:
                 folder.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(root / "lock")
             # A worker of a killed service may still write there for a moment. Its files are not used.
+            self._incoming.mkdir(exist_ok=True)  # not made anew, because a full disk may have no space for a folder
             if not keep_incoming:
-                shutil.rmtree(self._incoming, ignore_errors=True)
-            self._incoming.mkdir(exist_ok=True)
+                _empty(self._incoming)
         except OSError as error:
             raise DataFolderError(
                 f"{root}: the data folder cannot be used: {error.strerror}; set data_dir to another"
@@ -81,6 +82,15 @@ class DataFolder:
     def incoming(self, name: str) -> Path:
         """Return a path for a file that is being written, on the same file system. Raises OutsideError."""
         return _inside(self._incoming, name)
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                path.unlink()
 
 
 def open_file(path: Path) -> BinaryIO:

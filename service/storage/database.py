@@ -1,5 +1,6 @@
 """The SQLite database: connections, transactions and ids."""
 
+import logging
 import queue
 import secrets
 import sqlite3
@@ -13,6 +14,8 @@ from typing import Any, TypeVar
 from service import clock as wall_clock
 from service.storage.migrations import MIGRATIONS, VERSION
 from service.storage.rows import stored
+
+log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
@@ -80,17 +83,32 @@ class Database:
     """One database file. Safe to use from any thread; every call may block."""
 
     def __init__(self, path: Path) -> None:
-        """Create the tables, or migrate those of an earlier version.
+        """Create the tables, or migrate those of an earlier version. Tables of this version are not written.
+
+        Where the disk has no space for the file that all programs share that use the database, its content is kept in
+        memory. The database can be read all the same, and written as soon as there is space. Until it is closed,
+        other programs find it locked.
 
         Raises:
             StoreVersionError: The tables are of a later version.
+            sqlite3.Error: The database cannot be read, or its tables cannot be made.
         """
         self._path = path
+        self._shared = True
+        """Whether other programs can use the database, too."""
         self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
         self.change = object()
         """Replaced after each change. Data that were read after taking this object are current while it is the same."""
         try:
-            self._make_tables()
+            try:
+                self._make_tables()
+            except sqlite3.OperationalError as error:
+                if error.sqlite_errorcode != sqlite3.SQLITE_IOERR_SHMSIZE:
+                    raise
+                log.warning("the disk is full: until the next start, other programs find %s locked", path)
+                self.close()
+                self._shared = False
+                self._make_tables()
             for table in ("recordings", "scans", "calibrations"):
                 newest = f"SELECT id FROM {table} WHERE id GLOB ? ORDER BY id DESC LIMIT 1"
                 for used_id in self.all(lambda row: row["id"], newest, _ID_GLOB):
@@ -104,23 +122,39 @@ class Database:
         while not self._free.empty():
             self._free.get().close()
 
+    def connect(self, timeout_s: float) -> sqlite3.Connection:
+        """Open a connection for one thread. The caller closes it before the database is closed.
+
+        Args:
+            timeout_s: Timeout of a statement while another connection locks the database.
+        """
+        address = self._path.absolute().as_uri() + ("" if self._shared else "?vfs=unix-excl")
+        return sqlite3.connect(address, timeout_s, uri=True, check_same_thread=False)
+
     @contextmanager
     def connection(self) -> Iterator[sqlite3.Connection]:
         """Provide a connection to the calling thread."""
         try:
             connection = self._free.get_nowait()
         except queue.Empty:
-            # Passed from thread to thread, but used by one at a time.
-            connection = sqlite3.connect(self._path, BUSY_S, check_same_thread=False)
-            connection.isolation_level = None
-            connection.row_factory = sqlite3.Row
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute("PRAGMA foreign_keys = ON")
+            connection = self._open()
         try:
             yield connection
         finally:
             self._free.put(connection)
+
+    def _open(self) -> sqlite3.Connection:
+        connection = self.connect(BUSY_S)  # passed from thread to thread, but used by one at a time
+        connection.isolation_level = None
+        connection.row_factory = sqlite3.Row
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("PRAGMA foreign_keys = ON")
+        except BaseException:
+            connection.close()
+            raise
+        return connection
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
@@ -158,14 +192,15 @@ class Database:
         return rows[0] if rows else None
 
     def _make_tables(self) -> None:
-        with self.transaction() as db:
-            (version,) = db.execute("PRAGMA user_version").fetchone()
-            if version > VERSION:
-                raise StoreVersionError(
-                    f"{self._path} has tables of version {version}, this software knows {VERSION}: "
-                    "use a later release, or another data_dir"
-                )
-            migrate(db)
+        (version,) = self.all(tuple, "PRAGMA user_version")[0]
+        if version > VERSION:
+            raise StoreVersionError(
+                f"{self._path} has tables of version {version}, this software knows {VERSION}: "
+                "use a later release, or another data_dir"
+            )
+        if version < VERSION:
+            with self.transaction() as db:
+                migrate(db)
 
 
 def migrate(db: sqlite3.Connection, version: int = VERSION) -> None:

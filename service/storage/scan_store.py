@@ -157,14 +157,24 @@ class ScanStore:
         sql = f"SELECT * FROM views WHERE scan IN ({marks}) ORDER BY scan, view"
         return self._database.all(lambda row: ViewRow(**dict(row)), sql, *scan_ids)
 
-    def without_recording(self) -> list[ScanRow]:
-        """Return live scans without the row of a recording. Some may have the file of one."""
-        return self._database.all(to_scan, "SELECT * FROM scans WHERE mode = 'live' AND recording IS NULL ORDER BY id")
+    def without_recording(self, before: str) -> list[ScanRow]:
+        """Return live scans without the row of a recording. Some may have the file of one.
 
-    def interrupt_unfinished(self) -> None:
-        """Mark scans that ran when the service ended as `interrupted`. Called when the service starts."""
+        Args:
+            before: Id that is later than those of the scans.
+        """
+        sql = "SELECT * FROM scans WHERE mode = 'live' AND recording IS NULL AND id < ? ORDER BY id"
+        return self._database.all(to_scan, sql, before)
+
+    def interrupt_unfinished(self, before: str) -> None:
+        """Mark scans that ran when an earlier service ended as `interrupted`.
+
+        Args:
+            before: Id that is later than theirs and earlier than those of this service.
+        """
         marks = ", ".join("?" * len(ACTIVE_STATES))
-        found = self._database.all(to_scan, f"SELECT * FROM scans WHERE state IN ({marks}) ORDER BY id", *ACTIVE_STATES)
+        sql = f"SELECT * FROM scans WHERE state IN ({marks}) AND id < ? ORDER BY id"
+        found = self._database.all(to_scan, sql, *ACTIVE_STATES, before)
         for scan in found:
             # The results may be in place already. Without the final row they do not count.
             if self._folder.results(scan.id).exists():

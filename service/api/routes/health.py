@@ -110,7 +110,7 @@ def _disk(service: Context) -> ReadinessCheck:
     except OSError as error:
         return ReadinessCheck(ok=False, message=f"the data folder cannot be read: {error.strerror or error}")
     status = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB are needed"
-    return ReadinessCheck(ok=free >= needed, message=status)
+    return ReadinessCheck(ok=free >= max(needed, 1), message=status)
 
 
 def _check(reason: str | None, message: str) -> ReadinessCheck:

@@ -5,7 +5,9 @@ import logging
 import os
 import signal
 import socket
+import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from service.app import create_app
@@ -17,6 +19,8 @@ from service.server.file_limit import raise_file_limit
 from service.server.supervisor_link import SupervisorLink
 from service.server.uvicorn_server import Server
 from service.storage.data_folder import DataFolder, DataFolderError
+from service.storage.database import Database, StoreVersionError
+from service.storage.storage_errors import is_full, is_locked
 
 log = logging.getLogger(__name__)
 
@@ -42,9 +46,13 @@ def serve(config: ServiceConfig, supervisor_fd: int | None = None) -> int:
         return 1
     try:
         # opened and closed here, because inside the server the same error would be a traceback
-        DataFolder(config.data_dir).close()
-    except DataFolderError as error:
+        with closing(DataFolder(config.data_dir)) as folder:
+            Database(folder.database).close()
+    except (DataFolderError, StoreVersionError) as error:
         print(f"pointchain serve: {error}", file=sys.stderr)
+        return 1
+    except sqlite3.Error as error:
+        print(f"pointchain serve: {_why_unusable(error, config.data_dir)}", file=sys.stderr)
         return 1
     try:
         listening = _listen(config.host, config.port)
@@ -65,6 +73,15 @@ def serve(config: ServiceConfig, supervisor_fd: int | None = None) -> int:
     with listening:
         server.run(sockets=[listening])
     return 0 if server.started else 1
+
+
+def _why_unusable(error: sqlite3.Error, data_dir: Path) -> str:
+    """Return why the database cannot be used, and what to do."""
+    if is_full(error):
+        return f"{data_dir}: no space is left for the database, which this release must make or change: free some"
+    if is_locked(error):
+        return f"{data_dir}: another program has locked the database: end it, and start again"
+    return f"{data_dir}: the database cannot be used: {error}; run `pointchain doctor`"
 
 
 def _announce(message: str, as_log: bool) -> None:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import astuple, dataclass, fields, replace
 from itertools import islice
-from pathlib import Path
 
 from service.security.audit.repeats import RepeatCounter
 from service.storage.database import now
@@ -76,15 +75,16 @@ class AuditLog:
         """Whether the database did not accept the last batch."""
         self._lost = 0
 
-    def start(self, database: Path, cell_state: Callable[[], str]) -> None:
+    def start(self, connect: Callable[[float], sqlite3.Connection], cell_state: Callable[[], str]) -> None:
         """Start to write.
 
         Args:
-            database: The database, with its tables.
+            connect: Opens a connection to the database, which has its tables. The argument is the timeout of a
+                statement, seconds.
             cell_state: Returns the state of the cell for each entry. It must not block.
         """
         self._cell_state = cell_state
-        self._thread = threading.Thread(target=self._write, args=(database,), name="audit", daemon=True)
+        self._thread = threading.Thread(target=self._write, args=(connect,), name="audit", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -178,10 +178,10 @@ class AuditLog:
             self._pending.append((entry, on_written))
             self._changed.notify_all()
 
-    def _write(self, database: Path) -> None:
+    def _write(self, connect: Callable[[float], sqlite3.Connection]) -> None:
         """Write the pending entries in batches, each in one transaction, until the log is closed."""
         deadline: float | None = None
-        with closing(sqlite3.connect(database, RETRY_S)) as db:
+        with closing(connect(RETRY_S)) as db:
             db.execute("PRAGMA synchronous = FULL")
             while True:
                 with self._changed:

@@ -4,14 +4,21 @@ import hashlib
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
 
+from service.cli.commands.serve import serve as serve_on_socket
+from service.config.loader import ServiceConfig
 from service.integrity.check import check_store
+from service.jobs.submission import NOBODY, new_scan
+from service.security.audit.reader import read_audit
 from service.states import ACTIVE_STATES
+from service.storage.data_folder import DataFolder
+from service.storage.database import new_id
 from service.storage.removal import oldest_first, remove
 from tests.service.conftest import Serve, ServedClient, wait_until
 from tests.service.faults.full_disk import FullDisk, full_disk
@@ -96,7 +103,7 @@ class Replays:
         if scan is None:
             assert status == 507, site
         elif scan["state"] == "succeeded":
-            assert site == "run", f"{site}: only the preview may be missing"
+            assert site in ("run", "add_file"), f"{site}: only the preview or its hash may be missing"
         else:
             assert (scan["state"], scan["problem"]["type"], scan["problem"]["status"]) == ("failed", FULL, 507), site
             assert scan["links"]["model"] is None
@@ -175,8 +182,8 @@ def check_live_write(cell: LiveCell, disk: FullDisk, write: int) -> None:
         assert kept == 0 or cell.client.get(f"/api/recordings/{scan['recording']}").json()["views"] >= kept
     elif scan is not None:
         assert scan["state"] == "succeeded", scan
-        assert site in ("run", "none", "add_scan_error"), (
-            f"{site}: only the preview or the record of the scan error may be missing"
+        assert site in ("run", "none", "add_file", "add_scan_error"), (
+            f"{site}: only the preview, its hash, or the record of the scan error may be missing"
         )
     assert_consistent(data)
 
@@ -291,6 +298,45 @@ def test_a_full_file_system_loses_nothing(
             kept = kept[:1]
         recording = client.get(f"/api/recordings/{kept[0]}").json()
         assert hashlib.sha256(client.get(recording["links"]["file"]).content).hexdigest() == recording["sha256"]
+
+
+def test_a_service_starts_on_a_full_disk_and_writes_when_there_is_space(
+    serve: Serve, tmp_path: Path, recording_file: Path, fast_stubs: None, assert_problem: Problem
+) -> None:
+    content = recording_file.read_bytes()
+    with small_disk(tmp_path / "disk") as data:
+        with serve(data, limits=UNLIMITED) as client:
+            _, scan = Replays(client, content, FullDisk()).run()
+            assert scan is not None
+            running = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+            client.app.state.context.store.scans.add(running)  # as if the service had been killed during this scan
+        filler = fill(data, leave_bytes=0)
+        with serve(data, limits=UNLIMITED) as client:
+            assert client.get("/").status_code == 200
+            assert client.get(scan["links"]["self"]).json() == scan
+            assert client.get(scan["links"]["model"]).status_code == 200
+            assert "disk: 0 MiB are free" in assert_problem(client.get("/readyz"), 503, "not-ready")
+            assert_problem(client.post("/api/recordings", content=content), 507, "storage-full")
+            refused = client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
+            assert_problem(refused, 507, "storage-full")
+            assert client.get(f"/api/scans/{running.id}").json()["state"] == "scanning"
+            filler.unlink()
+            wait_until(lambda: client.get("/readyz").status_code == 200)
+            wait_until(lambda: client.get(f"/api/scans/{running.id}").json()["state"] == "interrupted")
+            assert Replays(client, content, FullDisk()).run()[0] == 202
+        assert_consistent(data)
+        written = [entry.what for entry in read_audit(data, None, None, None, 100)]
+        assert written.count("start") == 2  # also that of the start on the full disk
+
+
+def test_a_full_disk_without_tables_is_said_at_the_start(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with small_disk(tmp_path / "disk") as data:
+        DataFolder(data).close()
+        fill(data, leave_bytes=0)
+        assert serve_on_socket(ServiceConfig(data_dir=data, port=0)) == 1
+    message = capsys.readouterr().err
+    assert "no space is left for the database, which this release must make or change: free some" in message
+    assert "Traceback" not in message
 
 
 def remove_all_but_first(client: ServedClient, first: str) -> None:

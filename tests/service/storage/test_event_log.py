@@ -212,7 +212,7 @@ def test_too_many_missed_events_of_all_scans_are_not_returned(store: Store) -> N
 def test_an_interruption_at_the_next_start_has_its_events(store: Store) -> None:
     scan = add_scan(store)
     store.scans.set_view(scan, 0, "moving")
-    store.scans.interrupt_unfinished()
+    store.scans.interrupt_unfinished("~")
     assert [event.data["state"] for event in events_since(store, scan, 2)] == ["missing", "interrupted"]
 
 

@@ -113,7 +113,7 @@ def test_unfinished_scans_become_interrupted_and_lose_results_without_a_row(stor
     store.scans.add(scan_row("s2", "succeeded"))
     for scan_id in ("s1", "s2"):
         store.folder.results(scan_id).mkdir()
-    store.scans.interrupt_unfinished()
+    store.scans.interrupt_unfinished("~")
     interrupted, done = store.scans.get("s1"), store.scans.get("s2")
     assert interrupted is not None
     assert interrupted.state == "interrupted"

@@ -6,6 +6,7 @@ import logging
 import sqlite3
 import threading
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import httpx2
@@ -65,7 +66,7 @@ def test_a_repeated_request_is_marked_as_replayed(client: ServedClient, recordin
 def test_an_entry_has_the_scan_that_its_request_affected(database: Path) -> None:
     """A reprocess has the new scan, and is found by its source too. A stop has the scan that it stopped."""
     log = AuditLog()
-    log.start(database, lambda: "busy")
+    log.start(partial(sqlite3.connect, database), lambda: "busy")
 
     def request(path: str, status: int, location: str | None = None, **state: str) -> None:
         async def answer(scope: Scope, receive: Receive, send: Send) -> None:
@@ -166,7 +167,7 @@ def test_entries_that_the_database_does_not_accept_are_written_later(
     log.add("service", "start")  # before there is a database
     holder = sqlite3.connect(database, isolation_level=None)
     holder.execute("BEGIN EXCLUSIVE")
-    log.start(database, lambda: "ready")
+    log.start(partial(sqlite3.connect, database), lambda: "ready")
     for k in range(4):
         asyncio.run(log.record("anna", "operator", f"POST /{k}", None, 200, None, wait=True))
     with caplog.at_level(logging.ERROR):
@@ -192,7 +193,7 @@ def test_the_end_of_the_service_does_not_wait_for_a_locked_database(
     monkeypatch.setattr(audit, "RETRY_S", 0.02)
     monkeypatch.setattr(audit, "CLOSE_TIMEOUT_S", 0.1)
     log = AuditLog()
-    log.start(database, lambda: "ready")
+    log.start(partial(sqlite3.connect, database), lambda: "ready")
     holder = sqlite3.connect(database, isolation_level=None)
     holder.execute("BEGIN EXCLUSIVE")
     log.add("service", "end")
@@ -203,7 +204,7 @@ def test_the_end_of_the_service_does_not_wait_for_a_locked_database(
 
 def test_rows_are_only_ever_added(database: Path) -> None:
     log = AuditLog()
-    log.start(database, lambda: "ready")
+    log.start(partial(sqlite3.connect, database), lambda: "ready")
     log.add("a", "b", scan="c", result="d")
     log.close()
     with sqlite3.connect(database) as db:
@@ -216,7 +217,7 @@ def test_rows_are_only_ever_added(database: Path) -> None:
 
 def test_entries_of_several_threads_are_all_written(database: Path) -> None:
     log = AuditLog()
-    log.start(database, lambda: "ready")
+    log.start(partial(sqlite3.connect, database), lambda: "ready")
 
     def add() -> None:
         for k in range(50):
@@ -267,7 +268,7 @@ def test_the_log_is_printed_on_the_command_line(
 
 def test_a_cancelled_request_is_written(database: Path) -> None:
     log = AuditLog()
-    log.start(database, lambda: "busy")
+    log.start(partial(sqlite3.connect, database), lambda: "busy")
 
     async def never(*_: object) -> None:
         await asyncio.Event().wait()
