@@ -57,6 +57,10 @@ STILL_S = 1.0
 BEAT_S = 1.0
 """Period at which the child receives that this process is alive."""
 
+LATE = 0.75
+"""Share of the watchdog's time from which a silence of this computer is named as the reason for its end. A sign of life
+is due after a quarter of it."""
+
 NOT_CONNECTED = "the robot is not connected: connect first"
 
 
@@ -80,6 +84,8 @@ class ArmConnection:
         """Whether a move was sent and is not known to have ended. Whatever moves the arm must then be stopped."""
         self.protective_s: float | None = None
         """Time at which a protective stop was first noticed, seconds of `time.monotonic()`, or None."""
+        self._polled_s = self._late_s = 0.0
+        """Time of the last poll, and longest time between two polls of the present move, seconds."""
         self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)
         """Why nothing can be moved until the connection is opened again."""
         self._closing = threading.Event()
@@ -155,7 +161,10 @@ class ArmConnection:
 
     def poll(self) -> RtdeState:
         """Return what the controller reports, whether good or bad. Raise RobotLostError if the link broke."""
+        now_s = time.monotonic()
+        self._late_s = max(self._late_s, now_s - self._polled_s) if self.move_sent else 0.0
         reading: RtdeState = self.call("poll")
+        self._polled_s = time.monotonic()
         self.update_state(reading)
         return reading
 
@@ -282,14 +291,20 @@ class ArmConnection:
             if error is not None or reading.program == "playing":
                 return error
             if time.monotonic() > limit_s:
-                return self._program_ended(reading.program)
+                return self._program_ended(reading.program, reading.silent_s)
             time.sleep(POLL_S)
             reading = self.poll()
 
-    def _program_ended(self, program: str) -> RobotLostError:
+    def _program_ended(self, program: str, silent_s: float = 0.0) -> RobotLostError:
+        """Return the error. A computer that was late for `silent_s` is named, so that nobody looks at the network."""
+        watchdog_s = 1.0 / self._settings.watchdog_hz
+        ended = f"the robot's control program is {program}: its watchdog received nothing for {watchdog_s:g} s"
+        if silent_s < LATE * watchdog_s:
+            return RobotLostError(f"{ended}, or a person ended it at the pendant. Connect again")
+        own = f" (the service itself for {self._late_s:.1f} s)" if self._late_s >= LATE * watchdog_s else ""
         return RobotLostError(
-            f"the robot's control program is {program}: its watchdog received nothing for "
-            f"{1.0 / self._settings.watchdog_hz:g} s, or a person ended it at the pendant. Connect again"
+            f"{ended}, because this computer stood still for {silent_s:.1f} s{own}, not because of the network: end "
+            "other work on it, or lower arm.watchdog_hz, then connect again"
         )
 
     def _end_stopped(self) -> NoReturn:

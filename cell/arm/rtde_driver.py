@@ -32,6 +32,8 @@ READ_HZ = 125.0
 """Rate of the controller's data."""
 LEASE_S = 5.0
 """Time after the parent's last call during which the watchdog of a resting arm is kept alive."""
+SILENCE_S = 2.0
+"""Time for which the longest silence is kept. The end of a program is seen earlier."""
 SAME_POSE = 1e-3
 """Largest difference of TCP poses of an arm at rest, metres and radians."""
 
@@ -100,7 +102,8 @@ class UrDriver:
         self._lease_s = lease_s
         self._moving = False
         self._stopped = False
-        self._last_kick_s = 0.0
+        self._last_kick_s = time.monotonic()
+        self._silence = Silence(self._last_kick_s)
         self._clock_s, self._clock_moved_s = -1.0, time.monotonic()
         if not self._control.setWatchdog(watchdog_hz):
             raise RobotNotReadyError("the robot did not accept the watchdog's frequency: connect again")
@@ -179,6 +182,7 @@ class UrDriver:
         now_s = time.monotonic()
         if not self._stopped and reading.program == "playing" and now_s - self._last_kick_s >= 0.5 * self.IDLE_S:
             self._last_kick_s = now_s
+            self._silence.end(now_s)
             self._control.kickWatchdog()
 
     def _reading(self) -> RtdeState:
@@ -187,6 +191,7 @@ class UrDriver:
         clock_s, now_s = receive.getTimestamp(), time.monotonic()
         if clock_s != self._clock_s:
             self._clock_s, self._clock_moved_s = clock_s, now_s
+        program = PROGRAMS.get(receive.getRuntimeState(), "stopped")
         return RtdeState(
             q_rad=tuple(receive.getActualQ()),
             qd_rad_s=tuple(receive.getActualQd()),
@@ -196,11 +201,44 @@ class UrDriver:
             connected=receive.isConnected() and self._control.isConnected(),
             robot_mode=ROBOT_MODES.get(receive.getRobotMode(), "no_controller"),
             safety_mode=decode_safety_mode(receive.getSafetyMode(), receive.getSafetyStatusBits()),
-            program=PROGRAMS.get(receive.getRuntimeState(), "stopped"),
+            program=program,
             operation=operation.operationId(),
             operating=operation.isAsyncOperationRunning(),
             speed_fraction=receive.getTargetSpeedFraction(),
+            silent_s=self._silence.longest(now_s, program == "playing"),
         )
+
+
+class Silence:
+    """The longest time without a sign of life to the watchdog, which tells a late computer from a broken link."""
+
+    def __init__(self, now_s: float) -> None:
+        """Begin at `now_s`, seconds of `time.monotonic()`, as all times here."""
+        self._since_s = now_s
+        self._longest_s, self._longest_at_s = 0.0, now_s
+        self._ended_s: float | None = None
+        """Time at which the program was first seen to have ended, or None. Nothing is sent to the watchdog then."""
+
+    def end(self, now_s: float) -> None:
+        """Note that a sign of life is sent."""
+        self._note(now_s)
+        self._since_s = now_s
+
+    def longest(self, now_s: float, playing: bool) -> float:
+        """Return the longest time of the last `SILENCE_S`, seconds.
+
+        Args:
+            now_s: Present time.
+            playing: Whether the program runs.
+        """
+        self._ended_s = None if playing else self._ended_s or now_s
+        self._note(self._ended_s or now_s)
+        return self._longest_s
+
+    def _note(self, now_s: float) -> None:
+        silent_s = now_s - self._since_s
+        if silent_s >= self._longest_s or now_s > self._longest_at_s + SILENCE_S:
+            self._longest_s, self._longest_at_s = silent_s, now_s
 
 
 def same_pose(a: tuple[float, ...], b: tuple[float, ...]) -> bool:

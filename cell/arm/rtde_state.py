@@ -54,6 +54,8 @@ class RtdeState:
     """Whether that move or stop runs."""
     speed_fraction: float
     """Speed slider of the pendant, 0 to 1."""
+    silent_s: float = 0.0
+    """Longest time for which this computer sent nothing to the watchdog of a running program, in the last seconds."""
 
 
 def decode_safety_mode(mode: int, bits: int) -> SafetyMode:

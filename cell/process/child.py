@@ -35,6 +35,10 @@ END_S = 1.0
 
 HALF_S = 2
 """Longest pause within an answer before the child counts as hanging."""
+STEP_S = 0.05
+"""Step in which an answer is waited for."""
+LATE = 0.25
+"""Share of a timeout from which a late computer is named."""
 LAST_WORDS_S = 0.05
 """Time for a process that has closed its pipe to end with an exit code before it is killed."""
 
@@ -138,9 +142,13 @@ class Child:
     def _exchange(self, call: _Call, timeout_s: float) -> Any:
         try:
             self._pipe.send(call)
-            if not self._pipe.poll(timeout_s):
+            late_s = _wait(self._pipe, timeout_s)
+            if late_s is not None:
                 end_process(self._process)
-                raise ChildLostError(f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s")
+                reason = f"; this computer was {late_s:.1f} s late meanwhile" if late_s >= LATE * timeout_s else ""
+                raise ChildLostError(
+                    f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s{reason}"
+                )
             answer = self._pipe.recv()
         except BlockingIOError as error:
             end_process(self._process)
@@ -156,6 +164,23 @@ class Child:
         if isinstance(answer, Exception):
             raise answer
         return answer
+
+
+def _wait(pipe: Connection, timeout_s: float) -> float | None:
+    """Wait for an answer. Return None if there is one, else for how long this process stood still meanwhile, seconds.
+
+    It waits in steps. One that takes longer was not given the processor, and the child probably was not either.
+    """
+    late_s, begin_s = 0.0, time.monotonic()
+    now_s = begin_s
+    while True:
+        step_s = min(STEP_S, max(begin_s + timeout_s - now_s, 0.0))
+        if pipe.poll(step_s):
+            return None
+        before_s, now_s = now_s, time.monotonic()
+        late_s += now_s - before_s - step_s
+        if now_s >= begin_s + timeout_s:
+            return late_s
 
 
 def _limit_pauses(pipe: Connection) -> None:

@@ -224,7 +224,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "robot-lost": ProblemType(
         title="The connection to the robot was lost",
         status=503,
-        cause="The connection to the robot's controller was lost, or the control program on the robot ended.",
+        cause="The connection to the robot's controller was lost, or the control program on the robot ended. "
+        "The detail says if this computer was late, so that it, and not the network, is the cause.",
         action="Check network and robot. If the arm was moving, inspect it and acknowledge the fault.",
         group="Call a person",
     ),

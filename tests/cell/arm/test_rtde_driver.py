@@ -11,7 +11,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.arm.preflight import RTDE_PORT
-from cell.arm.rtde_driver import UrDriver, _not_connected, same_pose
+from cell.arm.rtde_driver import SILENCE_S, Silence, UrDriver, _not_connected, same_pose
 from cell.arm.rtde_state import RtdeState, decode_safety_mode
 from cell.errors import RobotLostError, RobotNotReadyError, RobotUnreachableError, StoppedError
 from cell.process.child import Child, ChildLostError
@@ -121,6 +121,27 @@ def test_during_a_move_only_polls_of_the_parent_serve_the_watchdog(controller: R
     until(lambda: bool(kinds(controller.admin.log(begin), "watchdog_expired")), 10.0)
     until(lambda: not controller.admin.state().moving, 5.0)
     assert controller.admin.state().q_rad[0] < 1.5
+
+
+def test_the_longest_silence_is_kept_until_the_end_of_the_program_is_seen():
+    silence = Silence(10.0)
+    for now_s in (10.1, 10.2, 10.7, 10.8):
+        silence.end(now_s)
+    assert silence.longest(10.85, playing=True) == pytest.approx(0.5)
+    assert silence.longest(11.4, playing=True) == pytest.approx(0.6)  # not ended yet
+    silence.end(11.4)
+    later_s = 11.4
+    while later_s < 11.4 + SILENCE_S + 0.2:
+        later_s += 0.1
+        silence.end(later_s)
+    assert silence.longest(later_s, playing=True) == pytest.approx(0.1)
+
+
+def test_nothing_is_sent_after_the_end_of_a_program_and_that_is_no_silence():
+    silence = Silence(10.0)
+    silence.end(10.1)
+    assert silence.longest(10.15, playing=False) == pytest.approx(0.1)
+    assert silence.longest(14.0, playing=False) == pytest.approx(0.1)
 
 
 def test_a_broken_connection_is_not_restored(controller: RunningController, driver: Child):

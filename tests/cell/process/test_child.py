@@ -1,6 +1,7 @@
 """A driver in a child process: calls, faults, hangs, and the end of the process."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,6 +17,8 @@ from tests.cell.process.child_drivers import BrokenWhenIdle, Counted, Driver, re
 from tests.processes import runs
 
 pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -70,6 +73,33 @@ def test_a_hanging_child_is_killed(child: Child):
     assert not child.alive
     with pytest.raises(ChildLostError):
         child.call("add", 1, 2, timeout_s=10.0)
+
+
+LATE_PARENT = """
+from cell.process.child import Child, ChildLostError
+from tests.cell.process.child_drivers import Driver
+child = Child("test", Driver)
+child.call("add", 0, 0, timeout_s=10.0)
+print("waits", flush=True)
+try:
+    child.call("sleep", 60.0, timeout_s=2.0)
+except ChildLostError as error:
+    print(error, flush=True)
+child.close()
+"""
+
+
+def test_a_computer_that_stood_still_is_named():
+    with subprocess.Popen([sys.executable, "-c", LATE_PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == "waits\n"
+        parent.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        parent.send_signal(signal.SIGCONT)
+        message = parent.stdout.readline()
+    found = re.search(r"did not answer 'sleep' within 2 s; this computer was (\d+\.\d) s late meanwhile", message)
+    assert found is not None, message
+    assert float(found[1]) >= 0.9
 
 
 def test_a_child_that_hangs_during_its_answer_is_killed(monkeypatch: pytest.MonkeyPatch):

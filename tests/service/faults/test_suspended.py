@@ -1,5 +1,6 @@
 """The whole service is suspended during a move. The controller stops the arm, and nothing moves it again."""
 
+import re
 import signal
 import time
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from tests.service.service_process import process
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 
+STOOD_STILL = re.compile(r"because this computer stood still for \d\.\d s \(the service itself for \d\.\d s\)")
 WATCHDOG_HZ = 2.5
 TIME_FACTOR = 0.5
 """Factor of the arm's speed. A move takes several times as long as the watchdog waits."""
@@ -60,6 +62,7 @@ def test_the_watchdog_stops_the_arm_and_nothing_resumes(
                 assert not kinds(events, "motion_done"), "the arm completed its move"
                 scan = finished(client, location)
                 assert (scan["state"], scan["problem"]["type"]) == ("failed", "urn:pointchain:robot-lost")
+                assert STOOD_STILL.search(scan["problem"]["detail"]), scan["problem"]["detail"]
                 wait_until(lambda: client.get("/api/cell").json()["state"] == "fault")
                 time.sleep(0.5)  # a move that resumed by itself would have begun by now
                 events = controller.log(since)
