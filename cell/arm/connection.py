@@ -303,8 +303,8 @@ class ArmConnection:
             return RobotLostError(f"{ended}, or a person ended it at the pendant. Connect again")
         own = f" (the service itself for {self._late_s:.1f} s)" if self._late_s >= LATE * watchdog_s else ""
         return RobotLostError(
-            f"{ended}, because this computer stood still for {silent_s:.1f} s{own}, not because of the network: end "
-            "other work on it, or lower arm.watchdog_hz, then connect again"
+            f"{ended}, because this computer stood still for {silent_s:.1f} s{own}. The network is not the cause: end "
+            "other work on this computer, then connect again"
         )
 
     def _end_stopped(self) -> NoReturn:
