@@ -22,6 +22,13 @@ T = TypeVar("T")
 BUSY_S = 4.0
 """Timeout of a statement while another program locks the database. A request is answered within 5 s all the same."""
 
+PAGE_CACHE_KIB = 128
+"""Size of the page cache of each connection, KiB. There are up to as many connections as threads.
+
+SQLite empties the cache when another connection has written, and the system caches the file once for all connections.
+Lists of scans and events take as long as with SQLite's default of 2,000 KiB.
+"""
+
 
 class StoreVersionError(ValueError):
     """The database belongs to a later version of this software."""
@@ -151,6 +158,7 @@ class Database:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
+            connection.execute(f"PRAGMA cache_size = -{PAGE_CACHE_KIB}")
         except BaseException:
             connection.close()
             raise
