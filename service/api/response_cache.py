@@ -30,7 +30,7 @@ MAX_AGE_S = 0.5
 Changes by the service itself are seen at once.
 """
 MAX_ENTRIES = 64
-"""Number of entries that are kept."""
+"""Number of entries that are kept, and that were requested within `MAX_AGE_S`."""
 MAX_ENTRY_BYTES = 1 << 18
 """Size of the largest response that is kept."""
 
@@ -77,6 +77,7 @@ class ResponseCache:
         now_s, change = time.monotonic(), self._database.change
         entry = self._entries.get(key)
         if entry is None or entry.change is not change or now_s - entry.requested_at > MAX_AGE_S:
+            self._drop_expired(now_s)
             # not through anyio, whose round trip takes twice as long
             future = asyncio.get_running_loop().run_in_executor(self._threads, copy_context().run, read)
             entry = self._entries[key] = _Entry(future, change, now_s)
@@ -90,6 +91,12 @@ class ResponseCache:
             if self._entries.get(key) is entry:
                 del self._entries[key]  # the next request tries again
             raise
+
+    def _drop_expired(self, now_s: float) -> None:
+        """Drop the expired entries, which would otherwise stay until as many others are read."""
+        # each entry is moved to the end when it is made, so the oldest come first
+        while self._entries and now_s - next(iter(self._entries.values())).requested_at > MAX_AGE_S:
+            self._entries.popitem(last=False)
 
     def close(self) -> None:
         """Cancel the reads that have not begun, and return when the others have ended."""

@@ -16,8 +16,9 @@ from starlette.responses import Response
 from service.api.file_responses import matches, not_modified_response, tag_of_hash
 from service.problems.problem_error import ProblemError
 
-MAX_IMAGES = 64
-"""Number of images and clouds that are kept. A usual one has at most 200 kB."""
+MAX_BYTES = 8 << 20
+"""Bytes of images and clouds that are kept: those of two scans of eight views, of at most 200 kB each, and a page of
+100 thumbnails."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,14 @@ class ImageCache:
         import cv2  # noqa: F401 (`draw_depth` and `shrink_image` use it)
 
         self._images: OrderedDict[Hashable, _Image] = OrderedDict()
+        """The images, the one that was requested last at the end."""
+        self._bytes = 0
         self._drawing = CapacityLimiter(1)
+
+    @property
+    def kept_bytes(self) -> int:
+        """Size of all kept images, at most `MAX_BYTES`."""
+        return self._bytes
 
     async def respond(
         self, key: Hashable, if_none_match: str | None, draw: Callable[[], bytes], media_type: str = "image/png"
@@ -50,13 +58,28 @@ class ImageCache:
         image = self._images.get(key)
         if image is None:
             content = await to_thread.run_sync(draw, limiter=self._drawing)
-            image = self._images[key] = _Image(content, tag_of_hash(hashlib.sha256(content).hexdigest()))
-            if len(self._images) > MAX_IMAGES:
-                self._images.popitem(last=False)
-        self._images.move_to_end(key)
+            image = _Image(content, tag_of_hash(hashlib.sha256(content).hexdigest()))
+            self._keep(key, image)
+        else:
+            self._images.move_to_end(key)
         if matches(if_none_match, image.etag):
             return not_modified_response(image.etag)
         return Response(image.content, media_type=media_type, headers={"ETag": image.etag})
+
+    def _keep(self, key: Hashable, image: _Image) -> None:
+        """Keep an image in place of those that were not requested for longest. One above `MAX_BYTES` is not kept."""
+        self._remove(key)  # another request may have drawn it meanwhile
+        if len(image.content) > MAX_BYTES:
+            return
+        self._images[key] = image
+        self._bytes += len(image.content)
+        while self._bytes > MAX_BYTES:
+            self._remove(next(iter(self._images)))
+
+    def _remove(self, key: Hashable) -> None:
+        image = self._images.pop(key, None)
+        if image is not None:
+            self._bytes -= len(image.content)
 
 
 def shrink_image(png: bytes, width: int) -> bytes:

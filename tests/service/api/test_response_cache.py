@@ -1,7 +1,9 @@
 """The most frequent routes have threads and a cache of their own, and answer as FastAPI would."""
 
 import asyncio
+import gc
 import threading
+import weakref
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
@@ -137,3 +139,16 @@ def test_the_number_of_entries_is_limited(database: Database) -> None:
     with closing(ResponseCache(database)) as cache:
         asyncio.run(request(cache, reads))
     assert reads.times == MAX_ENTRIES + 2  # the last entry replaced the first
+
+
+def test_expired_values_are_dropped(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.api.response_cache.MAX_AGE_S", -1.0)
+
+    async def request(cache: ResponseCache) -> list[weakref.ref[Response]]:
+        kept = [weakref.ref(await cache.respond(key, CountingReader())) for key in range(MAX_ENTRIES // 2)]
+        await cache.respond("next", CountingReader())
+        gc.collect()
+        return kept
+
+    with closing(ResponseCache(database)) as cache:
+        assert [kept() for kept in asyncio.run(request(cache))] == [None] * (MAX_ENTRIES // 2)

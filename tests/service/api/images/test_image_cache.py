@@ -1,5 +1,6 @@
-"""The thumbnail of a scan is a small preview, for long lists."""
+"""The cache of images, and the thumbnail of a scan: a small preview, for long lists."""
 
+import asyncio
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +11,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from service.api.images.image_cache import shrink_image
+from service.api.images.image_cache import MAX_BYTES, ImageCache, shrink_image
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
@@ -97,3 +98,48 @@ def test_without_an_image_the_thumbnail_fails_like_the_preview(
     assert details[0] == details[1]
     if state == "scanning":
         store.scans.end(row.id, "failed", FAILURE)
+
+
+def test_the_bytes_of_the_kept_images_are_limited() -> None:
+    drawn: list[int] = []
+    cache = ImageCache()
+
+    async def request(number: int, size_bytes: int) -> None:
+        def draw() -> bytes:
+            drawn.append(number)
+            return bytes(size_bytes)
+
+        assert len((await cache.respond(number, None, draw)).body) == size_bytes
+        assert cache.kept_bytes <= MAX_BYTES
+
+    async def request_all() -> None:
+        for number in range(4):
+            await request(number, MAX_BYTES // 4)
+        await request(0, MAX_BYTES // 4)
+        assert drawn == [0, 1, 2, 3]
+        await request(4, MAX_BYTES // 4)  # replaces 1, which was not requested for longest
+        for number in (0, 1):
+            await request(number, MAX_BYTES // 4)
+        assert drawn == [0, 1, 2, 3, 4, 1]
+        for _ in range(2):
+            await request(5, MAX_BYTES + 1)
+        await request(1, MAX_BYTES // 4)
+        assert drawn == [0, 1, 2, 3, 4, 1, 5, 5]
+
+    asyncio.run(request_all())
+
+
+def test_small_images_of_a_long_list_are_all_kept() -> None:
+    drawn: list[int] = []
+    cache = ImageCache()
+
+    async def request_list() -> None:
+        for number in range(100):
+            await cache.respond(number, None, lambda number=number: drawn.append(number) or bytes(20_000))
+
+    async def request_twice() -> None:
+        await request_list()
+        await request_list()
+
+    asyncio.run(request_twice())
+    assert len(drawn) == 100

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from cell.recording import RecordingWriter, read_recording
-from service.api.images.image_cache import MAX_IMAGES
 from service.api.images.view_points import MAX_POINTS, MIN_HEIGHT_M, view_points
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
@@ -63,19 +62,6 @@ def test_an_image_is_drawn_once_and_a_client_that_has_it_gets_304(
     assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", first.headers["ETag"])
     assert client.get(address).content == first.content
     assert drawn == []
-
-
-def test_the_image_cache_is_bounded(client: ServedClient, scan: dict[str, Any]) -> None:
-    images = client.app.state.context.image_cache._images
-    images.clear()
-    assert client.get(f"{scan['links']['views']}/1.png").status_code == 200
-    [(oldest, image)] = images.items()
-    for number in range(MAX_IMAGES - 1):
-        images[number] = image
-    assert client.get(f"{scan['links']['views']}/2.png").status_code == 200
-    assert len(images) == MAX_IMAGES
-    assert oldest not in images
-    images.clear()
 
 
 def test_an_unknown_view_is_not_found(
