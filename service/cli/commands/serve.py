@@ -16,6 +16,7 @@ from service.logs.setup import configure_logging
 from service.security.auth.allowed_hosts import local_address
 from service.security.auth.bind_policy import check_binding
 from service.server.file_limit import raise_file_limit
+from service.server.heap import share_one_heap
 from service.server.supervisor_link import SupervisorLink
 from service.server.uvicorn_server import Server
 from service.storage.data_folder import DataFolder, DataFolderError
@@ -40,6 +41,7 @@ def serve(config: ServiceConfig, supervisor_fd: int | None = None) -> int:
     Returns:
         The exit code: 0 after an orderly end, 1 if the service could not start.
     """
+    share_one_heap()  # before any thread has a heap
     binding = check_binding(config.host, config.data_dir, config.security.allowed_hosts)
     if binding.refusal is not None:
         print(f"pointchain serve: {binding.refusal}", file=sys.stderr)
