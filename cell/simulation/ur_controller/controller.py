@@ -13,8 +13,9 @@ from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.robot import Robot
 from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
 from cell.simulation.ur_controller.servers.admin_server import AdminServer
-from cell.simulation.ur_controller.servers.dashboard_server import DashboardServer, Identity
-from cell.simulation.ur_controller.servers.rtde_server import RATE_HZ, RtdeClient, RtdeServer
+from cell.simulation.ur_controller.servers.dashboard_requests import Identity
+from cell.simulation.ur_controller.servers.dashboard_server import DashboardServer
+from cell.simulation.ur_controller.servers.rtde_server import RtdeClient, RtdeServer
 from cell.simulation.ur_controller.servers.script_server import ScriptServer
 from cell.simulation.ur_controller.servers.sockets import (
     ADMIN_PORT,
@@ -25,11 +26,11 @@ from cell.simulation.ur_controller.servers.sockets import (
     bound,
 )
 
-IDLE_HZ = 50.0
-"""Cycle rate without clients and motion, to save processor time."""
+IDLE_STEPS = 10
+"""Control cycles from one run to the next without clients and motion, to save processor time."""
 HOME_Q_RAD = tuple(np.deg2rad((0.0, -90.0, 90.0, -90.0, -90.0, 0.0)).tolist())
 LATE_S = 0.02
-"""Delay beyond which a cycle was held up by other work of the machine."""
+"""Delay beyond which cycles were held up by other work of the machine and are omitted. Later ones are made up for."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,18 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket]) -
     robot = Robot(options.model, q_rad, options.time_factor, limits, log, loop.time(), error)
     rtde = RtdeServer(robot, links, options.version)
     identity = Identity(options.version, serial=simulated_serial(options.model))
+
+    async def shut_down() -> None:
+        robot.power_off()
+        await listeners.listen(False)
+        links.reset(RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT)
+
     listeners = _Listeners(
         sockets,
         {
             RTDE_PORT: functools.partial(RtdeClient, rtde),
             SCRIPT_PORT: functools.partial(ScriptServer, robot, links),
-            DASHBOARD_PORT: functools.partial(DashboardServer, robot, links, identity),
+            DASHBOARD_PORT: functools.partial(DashboardServer, robot, links, identity, shut_down),
         },
     )
     await listeners.listen(True)
@@ -82,7 +89,7 @@ async def serve(options: ControllerOptions, sockets: dict[int, socket.socket]) -
 
 
 class _Cycle:
-    """The cycle of the controller, by the clock.
+    """The cycle of the controller. Its time is a count of cycles, which keeps in step with the clock.
 
     It is a chain of timer calls, because a sleeping coroutine costs 50 % more.
     """
@@ -90,10 +97,10 @@ class _Cycle:
     def __init__(self, robot: Robot, rtde: RtdeServer, end: "asyncio.Future[None]") -> None:
         self._robot, self._rtde, self._end = robot, rtde, end
         self._loop = asyncio.get_running_loop()
-        self._due_s = self._loop.time()
+        self._due_step = 0
 
     def run(self) -> None:
-        """Run one cycle and schedule the next one."""
+        """Run the cycles that are due and schedule the next one."""
         try:
             self._run(self._loop.time())
         except Exception as error:  # noqa: BLE001 (passed to the task that waits for the end)
@@ -102,13 +109,18 @@ class _Cycle:
 
     def _run(self, now_s: float) -> None:
         robot, rtde = self._robot, self._rtde
-        if now_s - self._due_s > LATE_S:  # a real controller is never held up
-            robot.watchdog.excuse(self._due_s, now_s)
-        robot.advance(now_s)
-        robot.cycle()
-        rtde.send(now_s)
-        self._due_s = max(self._due_s + 1.0 / (RATE_HZ if rtde.streaming or robot.arm.busy else IDLE_HZ), now_s)
-        self._loop.call_at(self._due_s, self.run)
+        step, due_s = self._due_step, robot.time_of(self._due_step)
+        last = max(step, robot.step_at(now_s))
+        if now_s - due_s > LATE_S:  # a real controller is never held up
+            robot.watchdog.excuse(due_s, now_s)
+            step = last
+        while step <= last:
+            robot.begin_cycle(step)
+            robot.cycle()
+            rtde.send(step)
+            step += 1 if rtde.streaming or robot.arm.busy else IDLE_STEPS
+        self._due_step = step
+        self._loop.call_at(robot.time_of(step), self.run)
 
 
 class _Listeners:

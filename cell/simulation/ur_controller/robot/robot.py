@@ -11,12 +11,14 @@ from cell.simulation.ur_controller.robot.arm import HANDOVER_RAD_S2, PROTECTIVE_
 from cell.simulation.ur_controller.robot.event_log import EventLog
 from cell.simulation.ur_controller.robot.registers import Registers
 from cell.simulation.ur_controller.robot.safety_limits import SafetyLimits
-from cell.simulation.ur_controller.robot.states import RobotMode, RuntimeState, SafetyMode
+from cell.simulation.ur_controller.robot.states import OperationalMode, RobotMode, RuntimeState, SafetyMode
 from cell.simulation.ur_controller.robot.tcp import Tool
 from cell.simulation.ur_controller.robot.trajectories import Joints
 from cell.simulation.ur_controller.robot.urscript_program import ControlProgram, ScriptError
 from cell.simulation.ur_controller.robot.watchdog import Watchdog
 
+CYCLE_HZ = 500
+"""Frequency of the control cycle."""
 UNLOCK_AFTER_S = 5.0
 """Time after a protective stop during which it cannot be unlocked."""
 POWER_STEP_S = 0.3
@@ -38,7 +40,7 @@ class ForeignProgram:
 
 
 class Robot:
-    """One robot with arm, registers and states. Its time is set by `advance`."""
+    """One robot with arm, registers and states. Its time is set by `begin_cycle` and `advance`."""
 
     def __init__(
         self,
@@ -56,9 +58,13 @@ class Robot:
         self.registers = Registers()
         self.watchdog = Watchdog()
         self.started_s = self.now_s = now_s
+        self.control_step = 0
+        """Number of the current control cycle since the start."""
         self.mode, self.safety, self.runtime = RobotMode.RUNNING, SafetyMode.NORMAL, RuntimeState.STOPPED
         self.remote = True
         """Whether the robot is in remote control, in which scripts and dashboard commands are executed."""
+        self.operational_mode = OperationalMode.NONE
+        """Operational mode that the dashboard has set, or NONE."""
         self.loaded: str | None = None
         """Program that is loaded at the pendant, or None."""
         self.program: ControlProgram | ForeignProgram | None = None
@@ -74,6 +80,8 @@ class Robot:
         self._paused_goal: Goal | None = None
         self._protective_s = -np.inf
         self._powering: tuple[float, RobotMode] | None = None
+        self._is_release_pending = False
+        """Whether the brakes are released as soon as the arm is idle."""
 
     @property
     def status_bits(self) -> int:
@@ -81,8 +89,22 @@ class Robot:
         powered = self.mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
         return int(powered) | (int(self.program is not None) << 1)
 
+    def step_at(self, now_s: float) -> int:
+        """Return the number of the control cycle at a time."""
+        return int((now_s - self.started_s) * CYCLE_HZ + 1e-6)
+
+    def time_of(self, step: int) -> float:
+        """Return the time at which a control cycle begins."""
+        return self.started_s + step / CYCLE_HZ
+
+    def begin_cycle(self, step: int) -> None:
+        """Advance arm, safety and power to the begin of a control cycle."""
+        self.control_step = step
+        self.advance(self.time_of(step))
+
     def advance(self, now_s: float) -> None:
-        """Advance arm, safety and power to `now_s`."""
+        """Advance arm, safety and power to `now_s`. Time does not go back."""
+        now_s = max(now_s, self.now_s)
         if self.planned_stops_s or self.planned_stop_shares:
             self._make_planned_stops(now_s)
         self._advance(now_s)
@@ -111,7 +133,16 @@ class Robot:
             self._set_runtime(RuntimeState.STOPPED)
         if self._powering is not None and now_s >= self._powering[0]:
             self._set_mode(self._powering[1])
-            self._powering = None if self.mode is not RobotMode.POWER_ON else (now_s + POWER_STEP_S, RobotMode.IDLE)
+            self._power_next()
+
+    def _power_next(self) -> None:
+        """Plan the mode that follows the current one while the power comes on."""
+        following = None
+        if self.mode is RobotMode.POWER_ON:
+            following = RobotMode.IDLE
+        elif self.mode is RobotMode.IDLE and self._is_release_pending:
+            following, self._is_release_pending = RobotMode.RUNNING, False
+        self._powering = None if following is None else (self.now_s + POWER_STEP_S, following)
 
     def cycle(self) -> None:
         """Run one cycle of the program."""
@@ -226,18 +257,29 @@ class Robot:
         """Switch off the power of the arm, which brakes."""
         self.arm.brake(PROTECTIVE_RAD_S2, "power off")
         self.stop_program("power off")
-        self._powering = None
+        self._powering, self._is_release_pending = None, False
         self._set_mode(RobotMode.POWER_OFF)
 
     def power_on(self) -> None:
         """Switch on the power, to idle with closed brakes."""
-        if self.mode is RobotMode.POWER_OFF and self.safety is SafetyMode.NORMAL:
+        if self.mode is RobotMode.POWER_OFF and self.safety is SafetyMode.NORMAL and self._powering is None:
             self._powering = (self.now_s + POWER_STEP_S, RobotMode.POWER_ON)
 
     def release_brakes(self) -> None:
         """Release the brakes, from idle to running. An arm without power gets it first."""
-        if self.mode in (RobotMode.POWER_ON, RobotMode.IDLE) and self.safety is SafetyMode.NORMAL:
-            self._powering = (self.now_s + POWER_STEP_S, RobotMode.RUNNING)
+        if self.safety is not SafetyMode.NORMAL or self.mode is RobotMode.RUNNING:
+            return
+        if self.mode is RobotMode.IDLE:
+            self._powering = self._powering or (self.now_s + POWER_STEP_S, RobotMode.RUNNING)
+            return
+        self._is_release_pending = True
+        self.power_on()
+
+    def restart_safety(self) -> None:
+        """Restart the safety system. The arm is without power afterwards; a pressed emergency stop stays pressed."""
+        self.power_off()
+        if self.safety is not SafetyMode.ROBOT_EMERGENCY_STOP:
+            self._set_safety(SafetyMode.NORMAL, "safety system restarted")
 
     def set_right(self, q_rad: Joints | None = None) -> None:
         """Restore power, safety and remote control, and end the program, as a person at the pendant would."""
@@ -245,7 +287,9 @@ class Robot:
         self.arm.place(self.arm.q if q_rad is None else q_rad)
         self.arm.speed_fraction, self.digital_outputs = 1.0, 0
         self.registers.outputs.clear()
-        self.tool.T_flange_tcp, self.remote, self.loaded, self._powering = np.eye(4), True, None, None
+        self.tool.T_flange_tcp, self.remote, self.loaded = np.eye(4), True, None
+        self.operational_mode = OperationalMode.NONE
+        self._powering, self._is_release_pending = None, False
         self._set_mode(RobotMode.RUNNING)
         self._set_safety(SafetyMode.NORMAL, "put right")
         self._set_runtime(RuntimeState.STOPPED)

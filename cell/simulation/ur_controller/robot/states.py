@@ -49,6 +49,14 @@ def _bits(mode: SafetyMode) -> int:
 _BITS = {mode: _bits(mode) for mode in SafetyMode}
 
 
+class OperationalMode(IntEnum):
+    """Operational mode, as the dashboard reports it."""
+
+    NONE = -1
+    MANUAL = 0
+    AUTOMATIC = 1
+
+
 class RuntimeState(IntEnum):
     """State of the program, RTDE's runtime_state."""
 

@@ -44,15 +44,22 @@ class OutputRecipe:
         return self.layout.pack(*values)
 
 
-def output_recipe(robot: Robot, names: Sequence[str], version: int) -> OutputRecipe:
-    """Return the recipe of the named variables. Packages of protocol version 1 have no recipe id."""
+def output_recipe(robot: Robot, names: Sequence[str], version: int, software: tuple[int, ...]) -> OutputRecipe:
+    """Return the recipe of the named variables.
+
+    Args:
+        robot: Source of the values.
+        names: Names of the variables.
+        version: Version of the protocol. Packages of version 1 have no recipe id.
+        software: Software version of the controller, which lacks the variables of newer versions.
+    """
     recipe_id = 1
     pattern = ">HBB" if version > 1 else ">HB"
     values: list[Any] = [0, DATA, recipe_id][: len(pattern) - 1]
     types: list[str] = []
     sources: list[_Source] = []
     for name in names:
-        found = rtde_variables.output(robot, name)
+        found = rtde_variables.output(robot, name, software)
         if found is None:
             types.append("NOT_FOUND")
             continue

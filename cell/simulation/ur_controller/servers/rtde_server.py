@@ -6,12 +6,12 @@ import struct
 from typing import Any
 
 from cell.simulation.ur_controller.robot import urscript_program
-from cell.simulation.ur_controller.robot.robot import Robot
+from cell.simulation.ur_controller.robot.robot import CYCLE_HZ, Robot
 from cell.simulation.ur_controller.servers import rtde_variables
 from cell.simulation.ur_controller.servers.rtde_recipes import InputRecipe, OutputRecipe, input_recipe, output_recipe
 from cell.simulation.ur_controller.servers.sockets import RTDE_PORT, Links
 
-RATE_HZ = 500.0
+MIN_RATE_HZ = 1.0
 UNSENT_BYTES = 200_000
 """Size of the send buffer. A client that lets it overflow is disconnected, as by a real controller."""
 LONGEST_PACKAGE = 0xFFFF
@@ -40,12 +40,12 @@ class RtdeServer:
         """Whether a client has started its output."""
         return any(client.started for client in self.clients)
 
-    def send(self, now_s: float) -> None:
-        """Send the package that is due to each client."""
+    def send(self, step: int) -> None:
+        """Send the packages that are due in a control cycle."""
         if self.links.frozen:
             return
         for client in list(self.clients):
-            client.send(now_s)
+            client.send(step)
 
 
 class RtdeClient(asyncio.Protocol):
@@ -57,7 +57,9 @@ class RtdeClient(asyncio.Protocol):
         self._version = 1
         self._output: OutputRecipe | None = None
         self._inputs: dict[int, InputRecipe] = {}
-        self._period_s, self._due_s = 1.0 / RATE_HZ, 0.0
+        self._period_steps = 1
+        self._due_step = 0
+        """Control cycle of the next package."""
         self.started = False
         self._transport: asyncio.Transport
 
@@ -92,14 +94,14 @@ class RtdeClient(asyncio.Protocol):
             del self._buffer[:size]
             self._take(chr(kind), payload)
 
-    def send(self, now_s: float) -> None:
-        """Send a package if one is due at `now_s`."""
-        if not self.started or self._output is None or now_s < self._due_s:
+    def send(self, step: int) -> None:
+        """Send a package if one is due in a control cycle."""
+        if not self.started or self._output is None or step < self._due_step:
             return
         links = self._server.links
-        period_s = self._period_s if links.rate_hz is None else max(self._period_s, 1.0 / links.rate_hz)
-        # A late controller skips packages instead of sending them in a burst.
-        self._due_s = max(self._due_s + period_s, now_s - period_s) if self._due_s > 0 else now_s + period_s
+        period = self._period_steps if links.rate_hz is None else max(self._period_steps, _steps(links.rate_hz))
+        # A controller that was held up omits packages: the next one follows after a whole period.
+        self._due_step = step + period
         if self._transport.get_write_buffer_size() > UNSENT_BYTES:
             self._robot.log.add("rtde_overflow", peer=self._peer)
             self._transport.abort()
@@ -146,7 +148,7 @@ class RtdeClient(asyncio.Protocol):
                     self._set_up_inputs(payload)
                 case "S":
                     self.started = self._output is not None and self._output.valid
-                    self._due_s = 0.0
+                    self._due_step = 0
                     self._answer("S", bytes([self.started]))
                     self._robot.log.add("rtde_start", peer=self._peer, accepted=self.started)
                 case "P":
@@ -158,18 +160,20 @@ class RtdeClient(asyncio.Protocol):
             self._complain(f"a {kind} package that cannot be decoded: {error}", ERROR)
 
     def _set_up_outputs(self, payload: bytes) -> None:
-        rate_hz = RATE_HZ
+        rate_hz = float(CYCLE_HZ)
         if self._version > 1:
             (rate_hz,) = struct.unpack_from(">d", payload)
             payload = payload[8:]
         names = _names(payload)
-        if not (math.isfinite(rate_hz) and 0 < rate_hz <= RATE_HZ and names):
+        if not (math.isfinite(rate_hz) and MIN_RATE_HZ <= rate_hz <= CYCLE_HZ and names):
             self._output = None
             self._answer("O", b"\x00" if self._version > 1 else b"")
-            self._complain(f"{len(names)} variables at {rate_hz:g} Hz; 1 to {RATE_HZ:g} Hz are possible", ERROR)
+            self._complain(
+                f"{len(names)} variables at {rate_hz:g} Hz; {MIN_RATE_HZ:g} to {CYCLE_HZ} Hz are possible", ERROR
+            )
             return
-        self._period_s = 1.0 / rate_hz
-        self._output = output_recipe(self._robot, names, self._version)
+        self._period_steps = _steps(rate_hz)
+        self._output = output_recipe(self._robot, names, self._version, self._server.version)
         if self._output.layout.size > LONGEST_PACKAGE:
             self._output = None
             self._answer("O", b"\x00" if self._version > 1 else b"")
@@ -206,6 +210,7 @@ class RtdeClient(asyncio.Protocol):
             now_s = asyncio.get_running_loop().time()
             self._robot.watchdog.kick(now_s)
             if values[COMMAND_REGISTER] not in (0, urscript_program.KICK):
+                self._robot.advance(now_s)  # a late cycle does not execute the command before its arrival
                 self._robot.log.add("command", now_s, **_command(self._robot, values[COMMAND_REGISTER]))
 
     def _set_outputs(self, values: dict[str, Any]) -> None:
@@ -216,6 +221,11 @@ class RtdeClient(asyncio.Protocol):
             if mask := values.get(mask_name):
                 kept = self._robot.digital_outputs & ~(mask << first)
                 self._robot.digital_outputs = kept | (values.get(name, 0) & mask) << first
+
+
+def _steps(rate_hz: float) -> int:
+    """Return the control cycles from one package to the next. The rate is not greater than the given one."""
+    return math.ceil(CYCLE_HZ / rate_hz - 1e-9)
 
 
 def _names(payload: bytes) -> list[str]:

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from cell.simulation.ur_controller.robot.poses import pose_vector
-from cell.simulation.ur_controller.robot.robot import Robot
+from cell.simulation.ur_controller.robot.robot import CYCLE_HZ, Robot
 from cell.simulation.ur_controller.robot.states import RuntimeState
 
 FORMATS = {
@@ -34,7 +34,7 @@ def _turning(robot: Robot) -> float:
 
 
 OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
-    "timestamp": ("DOUBLE", lambda robot: robot.now_s - robot.started_s),
+    "timestamp": ("DOUBLE", lambda robot: robot.control_step / CYCLE_HZ),
     **_all("target_q actual_q", "VECTOR6D", lambda robot: robot.tool.q_rad),
     **_all("target_qd actual_qd", "VECTOR6D", lambda robot: robot.tool.qd_rad_s),
     **_all("target_TCP_pose actual_TCP_pose", "VECTOR6D", lambda robot: robot.tool.pose),
@@ -48,11 +48,14 @@ OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
     "speed_scaling": ("DOUBLE", _turning),
     "target_speed_fraction": ("DOUBLE", lambda robot: robot.arm.speed_fraction),
     "actual_digital_output_bits": ("UINT64", lambda robot: robot.digital_outputs),
+    "actual_configurable_digital_output_bits": ("UINT64", lambda robot: robot.digital_outputs >> 8 & 0xFF),
+    "control_step": ("UINT64", lambda robot: robot.control_step),
     "payload": ("DOUBLE", lambda robot: robot.payload_kg),
     "payload_cog": ("VECTOR3D", lambda robot: robot.payload_cog_m),
     "joint_mode": ("VECTOR6INT32", [253] * 6),  # running
     "joint_temperatures": ("VECTOR6D", [30.0] * 6),
     "actual_joint_voltage": ("VECTOR6D", [48.0] * 6),
+    "target_gravity": ("VECTOR3D", [0.0, 0.0, 9.82]),  # that of set_gravity() for an upright base
     "actual_tool_accelerometer": ("VECTOR3D", [0.0, 0.0, 9.81]),
     "tool_temperature": ("DOUBLE", 30.0),
     "tool_output_voltage": ("INT32", 0),
@@ -62,14 +65,16 @@ OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
     **_all(
         """target_qdd target_current target_moment actual_current actual_current_window actual_current_as_torque
         joint_control_output actual_TCP_force ft_raw_wrench actual_TCP_acceleration target_TCP_acceleration
-        payload_inertia""",
+        payload_inertia wrench_calc_from_currents target_base_acceleration target_base_wrench""",
         "VECTOR6D",
         _ZERO6,
     ),
     **_all(
         """actual_execution_time target_execution_time actual_momentum tcp_force_scalar actual_robot_current io_current
         tool_output_current tool_analog_input0 tool_analog_input1 standard_analog_input0 standard_analog_input1
-        standard_analog_output0 standard_analog_output1 joint_position_deviation_ratio collision_detection_ratio""",
+        standard_analog_output0 standard_analog_output1 joint_position_deviation_ratio collision_detection_ratio
+        actual_robot_energy_consumed actual_robot_braking_energy_dissipated euromap67_24V_voltage
+        euromap67_24V_current""",
         "DOUBLE",
         0.0,
     ),
@@ -80,12 +85,24 @@ OUTPUTS: dict[str, tuple[str, Getter | Value]] = {
         "UINT32",
         0,
     ),
+    **_all("encoder0_raw encoder1_raw", "INT32", 0),
     **_all("tool_output_mode tool_digital_output0_mode tool_digital_output1_mode", "UINT8", 0),
 }
 """RTDE types of the output variables, with a getter or a constant.
 
 The constants serve clients that request every variable.
 """
+
+SINCE: dict[str, tuple[int, ...]] = {
+    "actual_current_as_torque": (5, 23),
+    "actual_robot_energy_consumed": (5, 23),
+    "actual_robot_braking_energy_dissipated": (5, 23),
+    "target_gravity": (5, 26),
+    "target_base_acceleration": (5, 26),
+    "target_base_wrench": (5, 26),
+    "control_step": (5, 26),
+}
+"""First software version of the output variables that older controllers of the e-Series lack."""
 
 INPUTS = {
     "speed_slider_mask": "UINT32",
@@ -143,8 +160,10 @@ def _bank(robot: Robot, side: str, kind: str) -> list[Any]:
     return {"bit": bank.bits, "int": bank.integers, "double": bank.doubles}[kind]
 
 
-def output(robot: Robot, name: str) -> tuple[str, Callable[[], Value] | Value] | None:
-    """Return the type of an output variable and its getter or constant, or None if the name is unknown."""
+def output(robot: Robot, name: str, software: tuple[int, ...]) -> tuple[str, Callable[[], Value] | Value] | None:
+    """Return the type of an output variable and its getter or constant, or None if the software version lacks it."""
+    if software < SINCE.get(name, ()):
+        return None
     if name in OUTPUTS:
         kind, source = OUTPUTS[name]
         return kind, partial(source, robot) if callable(source) else source
