@@ -43,6 +43,11 @@ def lost_connection_error(reading: RtdeState) -> RobotLostError | None:
         return RobotLostError(
             "the connection to the robot broke: check the network cable and the robot's controller, then connect again"
         )
+    if reading.age_s > MAX_AGE_S and reading.silent_s > reading.age_s / 2:
+        return RobotLostError(
+            f"nothing new of the robot was read for {reading.age_s:.1f} s, and this computer stood still for "
+            f"{reading.silent_s:.1f} s: end other work on this computer, then connect again"
+        )
     if reading.age_s > MAX_AGE_S:
         return RobotLostError(
             f"the robot has sent nothing new for {reading.age_s:.1f} s: check the network cable and the robot's "

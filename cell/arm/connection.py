@@ -148,7 +148,8 @@ class ArmConnection:
                 self.fail(StoppedError(STOPPED))
             self._fail_lost(
                 RobotLostError(
-                    f"the link to the robot was lost ({error}): check network and robot, then connect again"
+                    f"the link to the robot was lost ({error}): end other work on this computer if it is busy, check "
+                    "network and robot, then connect again"
                 ),
                 silent=True,
             )
@@ -301,10 +302,12 @@ class ArmConnection:
         ended = f"the robot's control program is {program}: its watchdog received nothing for {watchdog_s:g} s"
         if silent_s < LATE * watchdog_s:
             return RobotLostError(f"{ended}, or a person ended it at the pendant. Connect again")
-        own = f" (the service itself for {self._late_s:.1f} s)" if self._late_s >= LATE * watchdog_s else ""
+        if self._late_s >= LATE * watchdog_s:
+            why = f"this service stood still for {self._late_s:.1f} s"
+        else:
+            why = f"the process that drives the arm stood still for {silent_s:.1f} s"
         return RobotLostError(
-            f"{ended}, because this computer stood still for {silent_s:.1f} s{own}. The network is not the cause: end "
-            "other work on this computer, then connect again"
+            f"{ended}, because {why}. The network is not the cause: end other work on this computer, then connect again"
         )
 
     def _end_stopped(self) -> NoReturn:

@@ -162,7 +162,8 @@ def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | 
 
 
 def _why_none(contents: Contents) -> str:
-    reasons = _by_reason({index: _lacking(parts) for index, parts in contents.views.items()})
+    lacking = _by_reason({index: _lacking(parts) for index, parts in contents.views.items()})
+    reasons = [f"view {', '.join(indices)} {reason}" for reason, indices in lacking.items()]
     reasons = reasons or ["it has no message of any view"]
     if contents.cut:
         reasons.append(f"the recording is cut off, copy the file again, or scan again ({contents.cut})")
@@ -170,16 +171,18 @@ def _why_none(contents: Contents) -> str:
 
 
 def _unusable_colour(contents: Contents) -> list[str]:
-    reasons = {index: f"has no colour image: it {reason}" for index, reason in contents.unusable_colour.items()}
-    return _by_reason(reasons)
+    return [
+        f"view{'s' if len(indices) > 1 else ''} {', '.join(indices)}: the colour image {reason}, so it is left out"
+        for reason, indices in _by_reason(contents.unusable_colour).items()
+    ]
 
 
-def _by_reason(reasons: dict[int, str]) -> list[str]:
-    """Return one message for each reason, with the views that it holds for."""
+def _by_reason(reasons: dict[int, str]) -> dict[str, list[str]]:
+    """Return the views that each reason holds for."""
     by_reason: dict[str, list[str]] = {}
     for index in sorted(reasons):
         by_reason.setdefault(reasons[index], []).append(str(index))
-    return [f"view {', '.join(indices)} {reason}" for reason, indices in by_reason.items()]
+    return by_reason
 
 
 def _refuse_constant(name: str) -> NoReturn:

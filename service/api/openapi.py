@@ -31,7 +31,8 @@ def refine_openapi(app: FastAPI) -> None:
 
     Parameters are not nullable: a client may omit one, but no query or header can express null. An operation without
     credentials says so. A request that may be one of several schemas is a schema with a name, because without one
-    code generators make no usable type of it. Requests and answers have the recorded examples.
+    code generators make no usable type of it. A constant among alternatives is a list of one value. Requests and
+    answers have the recorded examples.
     """
     generate = app.openapi
 
@@ -46,6 +47,7 @@ def refine_openapi(app: FastAPI) -> None:
                     operation.setdefault("security", [])
                     _name_request(operation, document["components"]["schemas"])
                     add_examples(operation, examples.get(operation["operationId"], {}))
+            _list_constants(document)
         return app.openapi_schema or generate()
 
     app.openapi = refined
@@ -58,6 +60,16 @@ def _name_request(operation: dict[str, Any], schemas: dict[str, Any]) -> None:
         name = "".join(word.capitalize() for word in operation["operationId"].split("_")) + "Request"
         schemas[name] = content["schema"] | {"title": name}
         content["schema"] = {"$ref": f"#/components/schemas/{name}"}
+
+
+def _list_constants(node: Any) -> None:
+    """Write a constant among alternatives as a list of one value: some generators take it for the only alternative."""
+    if isinstance(node, dict):
+        for choice in node.get("anyOf", ()):
+            if "const" in choice:
+                choice["enum"] = [choice.pop("const")]
+    for child in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        _list_constants(child)
 
 
 def _without_null(schema: dict[str, Any]) -> dict[str, Any]:

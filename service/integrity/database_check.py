@@ -21,6 +21,7 @@ TABLES = (
 """Tables of the current version, parents before children."""
 DECODED_TABLES = TABLES[:5]
 """Tables whose rows the service returns."""
+LOCKED_ADVICE = "try again in a few seconds; if the service has started on a full disk, restart it when there is space"
 MAX_REPORTED = 20
 """Limit on the damages that SQLite lists, and on the findings of a group that are printed."""
 
@@ -104,7 +105,7 @@ def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | N
     except sqlite3.DatabaseError as error:
         if is_locked(error):
             what = "another program has locked the database"
-            return [Finding("database", "database-locked", where, what, "try again in a few seconds", False)], None
+            return [Finding("database", "database-locked", where, what, LOCKED_ADVICE, False)], None
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in _ENVIRONMENT_ERRORS:  # the low byte is the primary code
             return [_inaccessible(where, error)], None
         return [_corrupt(where, str(error))], None

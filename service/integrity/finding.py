@@ -33,3 +33,4 @@ class Finding:
 
 
 REPAIR = "run `pointchain doctor --repair` while no service runs"
+IS_LINK = "it is a symbolic link, which is not followed"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from service.integrity.database_check import Rows
-from service.integrity.finding import REPAIR, Finding
+from service.integrity.finding import IS_LINK, REPAIR, Finding
 from service.states import ACTIVE_STATES
 from service.storage.data_folder import ID
 from service.storage.rows import ViewRow
@@ -83,7 +83,8 @@ def check_recordings(folder: Path, files: Sequence[Path], rows: Rows, quick: boo
         path = folder / f"{recording.id}.mcap"
         if not path.is_file() or path.is_symlink():
             advice = f"put the file back, or {REPAIR}: its row is removed"
-            yield Finding("recordings", "recording-missing", str(path), "the file is missing", advice, True, path.stem)
+            what = IS_LINK if path.is_symlink() else "the file is missing"
+            yield Finding("recordings", "recording-missing", str(path), what, advice, True, path.stem)
             continue
         try:
             yield from _compare(path, recording.size_bytes, recording.sha256, rows.views.get(recording.id, ()), quick)

@@ -6,7 +6,7 @@ from typing import Any
 
 from calibration.dataset.folder import HAND_EYE_FILE
 from service.integrity.database_check import Rows
-from service.integrity.finding import REPAIR, Finding
+from service.integrity.finding import IS_LINK, REPAIR, Finding
 from service.integrity.recording_check import describe_change, hash_file
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import CLOUD, HEIGHT_MAP, ID, MODEL, PREVIEW
@@ -50,7 +50,8 @@ def _check_result(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]
     for name in (MODEL, CLOUD, *({HEIGHT_MAP} & files.keys())):
         path = folder / name
         if folder.is_symlink() or not path.is_file() or path.is_symlink():
-            yield Finding("results", "result-missing", str(path), "the file is missing", advice, True, scan.id)
+            what = IS_LINK if folder.is_symlink() or path.is_symlink() else "the file is missing"
+            yield Finding("results", "result-missing", str(path), what, advice, True, scan.id)
             return
         if what := _change(path, files.get(name), quick):
             yield Finding("results", "result-changed", str(path), what, advice, True, scan.id)
@@ -58,13 +59,13 @@ def _check_result(folder: Path, scan: ScanRow, quick: bool) -> Iterator[Finding]
     # A result may have no picture. The thumbnail is made from it on request.
     picture = folder / PREVIEW
     if picture.is_symlink():
-        what = "it is a link, which is not followed"
+        what = IS_LINK
     elif not picture.exists():
         what = "the file is missing" if PREVIEW in files else ""
     else:
         what = _change(picture, files.get(PREVIEW), quick)
     if what:
-        advice = f"put it back, or {REPAIR}: it is moved to lost+found, and the result has no picture any more"
+        advice = f"put it back, or {REPAIR}: what is there is moved to lost+found, and the result has no picture"
         yield Finding("results", "picture-changed", str(picture), what, advice, True, scan.id)
 
 

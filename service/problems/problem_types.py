@@ -964,7 +964,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "outside-data-folder": ProblemType(
         title="The file is outside the data folder",
         status=403,
-        cause="A file of the store is a link that leads out of the data folder.",
+        cause="A file of the store is a symbolic link, which may lead out of the data folder and is not followed.",
         action="Ask the maintainer to run `pointchain doctor`.",
         group="Report to the maintainer",
     ),

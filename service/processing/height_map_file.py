@@ -49,7 +49,7 @@ def read_npz(file: BinaryIO) -> StoredHeightMap:
         with np.load(file, allow_pickle=False) as arrays:
             numbers, z_m = arrays["numbers"], arrays["z_m"]
     except (ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise HeightMapError(f"it is not a height map: {error}") from error
+        raise HeightMapError("it is not a height map: it is no archive of these arrays") from error
     valid = numbers.shape == (5,) and np.isfinite(numbers).all() and z_m.ndim == 2 and z_m.size <= MAX_CELLS
     if not valid or z_m.dtype != np.float32 or np.isinf(z_m).any() or numbers[2] <= 0:
         raise HeightMapError("it is not a height map: its values are not those of one")

@@ -101,6 +101,7 @@ class Database:
             sqlite3.Error: The database cannot be read, or its tables cannot be made.
         """
         self._path = path
+        existed = path.exists()
         self._shared = True
         """Whether other programs can use the database, too."""
         self._free: queue.SimpleQueue[sqlite3.Connection] = queue.SimpleQueue()
@@ -122,6 +123,8 @@ class Database:
                     _id_clock.advance_past(used_id)
         except BaseException:
             self.close()
+            if not existed and path.exists() and path.stat().st_size == 0:
+                path.unlink()  # without tables: the disk is full
             raise
 
     def close(self) -> None:

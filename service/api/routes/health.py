@@ -55,10 +55,11 @@ def _run_checks(service: Context) -> ReadinessChecks:
     The state of the cell is reported but does not count. A cell that is not connected, or in a fault, is connected or
     acknowledged through this service, so an orchestrator must not take the service out of use for that.
     """
+    disk, free_bytes = _disk(service)
     return ReadinessChecks(
-        store=_store(service.store.database),
+        store=_store(service.store.database, free_bytes),
         recognition=_check(service.jobs.not_ready, "it is ready, or at work"),
-        disk=_disk(service),
+        disk=disk,
         service=_check(_refusal_reason(service), "it accepts requests"),
         cell=service.cell.status.state,
     )
@@ -86,8 +87,13 @@ def _refusal_reason(service: Context) -> str | None:
     return None
 
 
-def _store(database: Database) -> ReadinessCheck:
-    """Check that the database accepts changes: begin a transaction, as every writing request does, and roll it back."""
+def _store(database: Database, free_bytes: int) -> ReadinessCheck:
+    """Check that the database accepts changes: begin a transaction, as every writing request does, and roll it back.
+
+    Only the end of a transaction would show that the disk is full.
+    """
+    if free_bytes == 0:
+        return ReadinessCheck(ok=False, message="it accepts no changes: the disk is full")
     try:
         with database.connection() as db:
             (original_ms,) = db.execute("PRAGMA busy_timeout").fetchone()
@@ -103,14 +109,15 @@ def _store(database: Database) -> ReadinessCheck:
     return ReadinessCheck(ok=True, message="it accepts changes")
 
 
-def _disk(service: Context) -> ReadinessCheck:
+def _disk(service: Context) -> tuple[ReadinessCheck, int]:
+    """Return the check, and the free space in bytes."""
     needed = service.config.limits.min_free_bytes
     try:
         free = shutil.disk_usage(service.store.folder.root).free
     except OSError as error:
-        return ReadinessCheck(ok=False, message=f"the data folder cannot be read: {error.strerror or error}")
+        return ReadinessCheck(ok=False, message=f"the data folder cannot be read: {error.strerror or error}"), 0
     status = f"{free / 2**20:.0f} MiB are free, {needed / 2**20:.0f} MiB are needed"
-    return ReadinessCheck(ok=free >= max(needed, 1), message=status)
+    return ReadinessCheck(ok=free >= max(needed, 1), message=status), free
 
 
 def _check(reason: str | None, message: str) -> ReadinessCheck:

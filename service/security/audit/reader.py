@@ -6,6 +6,7 @@ from pathlib import Path
 
 from service.security.audit.log import Entry
 from service.storage.data_folder import DATABASE
+from service.storage.storage_errors import is_locked
 
 DATABASE_TIMEOUT_S = 5.0
 SCAN_CONDITION = "(scan = ? OR instr(what || '/', '/api/scans/' || ? || '/') > 0)"
@@ -46,5 +47,8 @@ def read_audit(data_dir: Path, since: str | None, scan: str | None, who: str | N
         with closing(sqlite3.connect(uri, DATABASE_TIMEOUT_S, uri=True)) as db:
             rows = db.execute(sql, (*values, limit)).fetchall()
     except sqlite3.Error as error:
-        raise AuditError(f"{path} cannot be read: {error}") from error
+        advice = (
+            "; if the service has started on a full disk, restart it when there is space" if is_locked(error) else ""
+        )
+        raise AuditError(f"{path} cannot be read: {error}{advice}") from error
     return [Entry(*row) for row in reversed(rows)]

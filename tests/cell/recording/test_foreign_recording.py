@@ -193,7 +193,8 @@ def test_a_view_is_complete_without_a_colour_image_that_cannot_be_used(tmp_path:
     assert [view.colour_jpeg for view in recording.views] == [JPEG, None, None]
     assert recording.missing == ()
     (message,) = recording.unusable_colour
-    assert message.startswith(f"view 1, 2 has no colour image: it {reason}")
+    assert message.startswith(f"views 1, 2: the colour image {reason}")
+    assert message.endswith(", so it is left out")
 
 
 def test_colour_images_of_another_type_are_not_used(tmp_path: Path) -> None:
@@ -202,9 +203,9 @@ def test_colour_images_of_another_type_are_not_used(tmp_path: Path) -> None:
     (tmp_path / "f.mcap").write_bytes(foreign.bytes())
     recording = read_recording(tmp_path / "f.mcap")
     assert (len(recording.views), recording.missing) == (3, ())
-    reason = "it is of type 'foxglove.RawImage' in encoding 'protobuf'; only 'foxglove.CompressedImage' in encoding"
+    reason = "is of type 'foxglove.RawImage' in encoding 'protobuf'; only 'foxglove.CompressedImage' in encoding"
     (message,) = recording.unusable_colour
-    assert message.startswith(f"view 0, 1, 2 has no colour image: {reason}")
+    assert message.startswith(f"views 0, 1, 2: the colour image {reason}")
 
 
 def test_a_colour_image_with_too_many_pixels_is_not_used(tmp_path: Path) -> None:
@@ -213,7 +214,8 @@ def test_a_colour_image_with_too_many_pixels_is_not_used(tmp_path: Path) -> None
     (tmp_path / "f.mcap").write_bytes(foreign.bytes())
     recording = read_recording(tmp_path / "f.mcap", Limits(colour_pixels=64 * 40 - 1))
     assert recording.views[0].colour_jpeg is None
-    assert recording.unusable_colour == ("view 0 has no colour image: it has 64x40 pixels; 2559 at most are read",)
+    (message,) = recording.unusable_colour
+    assert message == "view 0: the colour image has 64x40 pixels; 2559 at most are read, so it is left out"
 
 
 def test_incomplete_views_are_excluded_and_reported(tmp_path: Path) -> None:

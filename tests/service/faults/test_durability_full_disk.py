@@ -315,7 +315,9 @@ def test_a_service_starts_on_a_full_disk_and_writes_when_there_is_space(
             assert client.get("/").status_code == 200
             assert client.get(scan["links"]["self"]).json() == scan
             assert client.get(scan["links"]["model"]).status_code == 200
-            assert "disk: 0 MiB are free" in assert_problem(client.get("/readyz"), 503, "not-ready")
+            reason = assert_problem(client.get("/readyz"), 503, "not-ready")
+            assert "store: it accepts no changes: the disk is full" in reason
+            assert "disk: 0 MiB are free" in reason
             assert_problem(client.post("/api/recordings", content=content), 507, "storage-full")
             refused = client.post("/api/scans", json={"mode": "replay", "recording": scan["recording"]})
             assert_problem(refused, 507, "storage-full")
@@ -334,6 +336,7 @@ def test_a_full_disk_without_tables_is_said_at_the_start(tmp_path: Path, capsys:
         DataFolder(data).close()
         fill(data, leave_bytes=0)
         assert serve_on_socket(ServiceConfig(data_dir=data, port=0)) == 1
+        assert check_store(check_target_of(data)).findings == ()  # nothing half-made is left
     message = capsys.readouterr().err
     assert "no space is left for the database, which this release must make or change: free some" in message
     assert "Traceback" not in message

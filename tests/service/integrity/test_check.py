@@ -178,6 +178,16 @@ def test_a_height_map_is_checked_if_the_result_has_one(data: Data) -> None:
     assert data.codes() == set()
 
 
+def test_a_link_is_called_a_link(data: Data, tmp_path: Path) -> None:
+    for path in (data.root / "scans" / REPLAY / "cloud.ply", data.recording(UPLOAD)):
+        path.rename(tmp_path / path.name)
+        path.symlink_to(tmp_path / path.name)
+    found = {finding.code: finding.what for finding in check_store(data.store).findings}
+    assert found == dict.fromkeys(
+        ("result-missing", "recording-missing"), "it is a symbolic link, which is not followed"
+    )
+
+
 @pytest.mark.parametrize("damage", ["missing", "longer", "flipped", "a link"])
 def test_a_damaged_picture_is_moved_to_lost_and_found_and_its_result_stays(
     data: Data, tmp_path: Path, damage: str

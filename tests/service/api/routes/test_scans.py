@@ -118,7 +118,9 @@ def test_unusable_colour_images_are_a_note_and_the_result_is_whole(
     assert scan["state"] == "succeeded"
     (note,) = findings_of(client, scan, "colour-unusable")
     assert note["severity"] == "note"
-    assert note["message"] == "view 0, 1, 2, 3 has no colour image: it is no JPEG, though it has that format"
+    assert note["message"] == (
+        "views 0, 1, 2, 3: the colour image is no JPEG, though it has that format, so it is left out"
+    )
 
 
 def rewrite(source: Path, target: Path, radius_m: float | None, change: Callable[[View], View]) -> Path:
