@@ -84,8 +84,6 @@ class ArmConnection:
         """Whether a move was sent and is not known to have ended. Whatever moves the arm must then be stopped."""
         self.protective_s: float | None = None
         """Time at which a protective stop was first noticed, seconds of `time.monotonic()`, or None."""
-        self._polled_s = self._late_s = 0.0
-        """Time of the last poll, and longest time between two polls of the present move, seconds."""
         self._ended: CellError | None = RobotNotReadyError(NOT_CONNECTED)
         """Why nothing can be moved until the connection is opened again."""
         self._closing = threading.Event()
@@ -162,10 +160,7 @@ class ArmConnection:
 
     def poll(self) -> RtdeState:
         """Return what the controller reports, whether good or bad. Raise RobotLostError if the link broke."""
-        now_s = time.monotonic()
-        self._late_s = max(self._late_s, now_s - self._polled_s) if self.move_sent else 0.0
         reading: RtdeState = self.call("poll")
-        self._polled_s = time.monotonic()
         self.update_state(reading)
         return reading
 
@@ -292,20 +287,26 @@ class ArmConnection:
             if error is not None or reading.program == "playing":
                 return error
             if time.monotonic() > limit_s:
-                return self._program_ended(reading.program, reading.silent_s)
+                return self._program_ended(reading.program, reading.silent_s, reading.still_s)
             time.sleep(POLL_S)
             reading = self.poll()
 
-    def _program_ended(self, program: str, silent_s: float = 0.0) -> RobotLostError:
-        """Return the error. A computer that was late for `silent_s` is named, so that nobody looks at the network."""
+    def _program_ended(self, program: str, silent_s: float = 0.0, still_s: float = 0.0) -> RobotLostError:
+        """Return the error. It names who was late, so that nobody looks at the network.
+
+        Args:
+            program: State of the program.
+            silent_s: As in the reading.
+            still_s: As in the reading. The computer is late if the driver's process is, and else this process alone.
+        """
         watchdog_s = 1.0 / self._settings.watchdog_hz
         ended = f"the robot's control program is {program}: its watchdog received nothing for {watchdog_s:g} s"
         if silent_s < LATE * watchdog_s:
             return RobotLostError(f"{ended}, or a person ended it at the pendant. Connect again")
-        if self._late_s >= LATE * watchdog_s:
-            why = f"this service stood still for {self._late_s:.1f} s"
+        if still_s >= LATE * watchdog_s:
+            why = f"this computer stood still for {still_s:.1f} s"
         else:
-            why = f"the process that drives the arm stood still for {silent_s:.1f} s"
+            why = f"this service stood still for at least {silent_s:.1f} s"
         return RobotLostError(
             f"{ended}, because {why}. The network is not the cause: end other work on this computer, then connect again"
         )

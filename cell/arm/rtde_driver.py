@@ -103,7 +103,7 @@ class UrDriver:
         self._moving = False
         self._stopped = False
         self._last_kick_s = time.monotonic()
-        self._silence = Silence(self._last_kick_s)
+        self._silence, self._stillness = Silence(self._last_kick_s), Silence(self._last_kick_s)
         self._clock_s, self._clock_moved_s = -1.0, time.monotonic()
         if not self._control.setWatchdog(watchdog_hz):
             raise RobotNotReadyError("the robot did not accept the watchdog's frequency: connect again")
@@ -191,6 +191,7 @@ class UrDriver:
         clock_s, now_s = receive.getTimestamp(), time.monotonic()
         if clock_s != self._clock_s:
             self._clock_s, self._clock_moved_s = clock_s, now_s
+        self._stillness.end(now_s)
         program = PROGRAMS.get(receive.getRuntimeState(), "stopped")
         return RtdeState(
             q_rad=tuple(receive.getActualQ()),
@@ -206,11 +207,12 @@ class UrDriver:
             operating=operation.isAsyncOperationRunning(),
             speed_fraction=receive.getTargetSpeedFraction(),
             silent_s=self._silence.longest(now_s, program == "playing"),
+            still_s=self._stillness.longest(now_s, True),
         )
 
 
 class Silence:
-    """The longest time without a sign of life to the watchdog, which tells a late computer from a broken link."""
+    """The longest time without a sign of life, which tells a late computer from a broken link."""
 
     def __init__(self, now_s: float) -> None:
         """Begin at `now_s`, seconds of `time.monotonic()`, as all times here."""

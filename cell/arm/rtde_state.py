@@ -56,6 +56,8 @@ class RtdeState:
     """Speed slider of the pendant, 0 to 1."""
     silent_s: float = 0.0
     """Longest time for which this computer sent nothing to the watchdog of a running program, in the last seconds."""
+    still_s: float = 0.0
+    """Longest time for which the process of the driver read nothing, in the last seconds. It reads often."""
 
 
 def decode_safety_mode(mode: int, bits: int) -> SafetyMode:

