@@ -297,7 +297,7 @@ class ArmConnection:
         Args:
             program: State of the program.
             silent_s: As in the reading.
-            still_s: As in the reading. The computer is late if the driver's process is, and else this process alone.
+            still_s: As in the reading. If the driver's process stood still too, the whole computer was late.
         """
         watchdog_s = 1.0 / self._settings.watchdog_hz
         ended = f"the robot's control program is {program}: its watchdog received nothing for {watchdog_s:g} s"

@@ -102,8 +102,7 @@ class UrDriver:
         self._lease_s = lease_s
         self._moving = False
         self._stopped = False
-        self._last_kick_s = time.monotonic()
-        self._silence, self._stillness = Silence(self._last_kick_s), Silence(self._last_kick_s)
+        self._silence, self._stillness = Silence(time.monotonic()), Silence(time.monotonic())
         self._clock_s, self._clock_moved_s = -1.0, time.monotonic()
         if not self._control.setWatchdog(watchdog_hz):
             raise RobotNotReadyError("the robot did not accept the watchdog's frequency: connect again")
@@ -180,8 +179,7 @@ class UrDriver:
 
     def _kick(self, reading: RtdeState) -> None:
         now_s = time.monotonic()
-        if not self._stopped and reading.program == "playing" and now_s - self._last_kick_s >= 0.5 * self.IDLE_S:
-            self._last_kick_s = now_s
+        if not self._stopped and reading.program == "playing" and now_s - self._silence.since_s >= 0.5 * self.IDLE_S:
             self._silence.end(now_s)
             self._control.kickWatchdog()
 
@@ -212,19 +210,20 @@ class UrDriver:
 
 
 class Silence:
-    """The longest time without a sign of life, which tells a late computer from a broken link."""
+    """The longest time without a sign of life, which distinguishes a late computer from a broken link."""
 
     def __init__(self, now_s: float) -> None:
         """Begin at `now_s`, seconds of `time.monotonic()`, as all times here."""
-        self._since_s = now_s
+        self.since_s = now_s
+        """Time of the last sign of life."""
         self._longest_s, self._longest_at_s = 0.0, now_s
         self._ended_s: float | None = None
         """Time at which the program was first seen to have ended, or None. Nothing is sent to the watchdog then."""
 
     def end(self, now_s: float) -> None:
-        """Note that a sign of life is sent."""
+        """Note a sign of life, which ends a silence."""
         self._note(now_s)
-        self._since_s = now_s
+        self.since_s = now_s
 
     def longest(self, now_s: float, playing: bool) -> float:
         """Return the longest time of the last `SILENCE_S`, seconds.
@@ -238,7 +237,7 @@ class Silence:
         return self._longest_s
 
     def _note(self, now_s: float) -> None:
-        silent_s = now_s - self._since_s
+        silent_s = now_s - self.since_s
         if silent_s >= self._longest_s or now_s > self._longest_at_s + SILENCE_S:
             self._longest_s, self._longest_at_s = silent_s, now_s
 

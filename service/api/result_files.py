@@ -46,7 +46,7 @@ def read_model(path: Path, scan: ScanRow) -> tuple[dict[str, Any], PointChainMod
     """
     try:
         with open_file(path) as file:
-            document = json.loads(file.read())
+            document = json.load(file)
         return document, PointChainModel.from_json(document)
     except (ModelError, ValueError, OSError) as error:
         raise damaged(path, scan, error) from error

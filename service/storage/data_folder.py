@@ -55,7 +55,7 @@ class DataFolder:
                 folder.mkdir(parents=True, exist_ok=True)
             self._lock = _lock(root / "lock")
             # A worker of a killed service may still write there for a moment. Its files are not used.
-            self._incoming.mkdir(exist_ok=True)  # not made anew, because a full disk may have no space for a folder
+            self._incoming.mkdir(exist_ok=True)  # emptied, not replaced: a full disk may have no space for a folder
             if not keep_incoming:
                 _empty(self._incoming)
         except OSError as error:
