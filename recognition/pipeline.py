@@ -41,6 +41,7 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.errors import InvalidParametersError
 from recognition.grasping.grasping import Grasping, plan_grasps
 from recognition.grasping.gripper import Gripper
+from recognition.ingestion.view_ingestion import IngestedViews, ingest_views, merge_heights
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding, most_serious_first
 from recognition.model.model import METHODS, Method, PointChainModel
@@ -51,17 +52,16 @@ from recognition.preprocessing.height_map import HeightMap
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
-from recognition.radius_estimation import estimate_parameters, other_radius_findings
+from recognition.radii.radius_estimation import estimate_parameters, other_radius_findings
+from recognition.radii.thicker_strings import find_thicker_strings
 from recognition.refinement.refinement import Refinement, refine
 from recognition.registration.registration import Registration, register
 from recognition.shirakawa.chains import assemble_chains
 from recognition.shirakawa.enhanced_matching import EnhancedMatching
 from recognition.shirakawa.method_stages import LinkedSegments, connect_segments, link_segments
 from recognition.shirakawa.reconstruction import Reconstruction
-from recognition.thicker_strings import find_thicker_strings
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import TracedStrands, trace_strands
-from recognition.view_ingestion import IngestedViews, ingest_views, merge_heights
 
 STAGES = ("preprocess", "registration", "centre_line", "matching", "reconstruction", "refinement", "topology", "grasps")
 """Names of all stages in order, as in `on_stage` and `timing_s`. `stages_of` returns the stages of one method."""

@@ -16,13 +16,13 @@ from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints
 from cell.simulation.devices.frame_source import FrameSource
 from cell.simulation.devices.world import SimulatedWorld, simulated_world
 from cell.simulation.scenes.scenes import make_scene
+from recognition.ingestion.view_ingestion import IngestedViews, ingest_views
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
 from recognition.registration.pose_prior import PoseSigmas
 from recognition.registration.registration import register
-from recognition.view_ingestion import IngestedViews, ingest_views
 
 pytestmark = pytest.mark.slow
 

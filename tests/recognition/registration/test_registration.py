@@ -14,13 +14,13 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from recognition.ingestion.view_ingestion import ingest_views
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import compared_earlier_views, find_correspondences
 from recognition.registration.pose_prior import PoseSigmas, twist_about
 from recognition.registration.registration import MAX_HAND_EYE_ERROR_SIGMA, Registration, register, transform_cloud
-from recognition.view_ingestion import ingest_views
 
 S = np.arange(0.0, 0.24, 0.0008)
 # An S of two arcs of 60 mm radius: bent in the plane, so that views cannot slide along it.

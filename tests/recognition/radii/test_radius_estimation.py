@@ -14,7 +14,7 @@ from recognition.errors import RadiusUnknownError
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.radius_estimation import MAX_HEIGHT_M, PAPER_R, estimate_parameters, estimate_rough_radius
+from recognition.radii.radius_estimation import MAX_HEIGHT_M, PAPER_R, estimate_parameters, estimate_rough_radius
 
 WITHIN = 0.05
 """Relative tolerance: pose errors of the views make a string thicker by 0.1 to 0.3 mm."""

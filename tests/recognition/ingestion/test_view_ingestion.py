@@ -11,13 +11,13 @@ from cell.devices import View
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition import view_ingestion
 from recognition.errors import DuplicateViewError, TableElsewhereError, TooCrowdedError
+from recognition.ingestion import view_ingestion
+from recognition.ingestion.view_ingestion import correct_views, ingest_views
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.correspondences import Correspondences, compared_views
-from recognition.view_ingestion import correct_views, ingest_views
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from recognition.geometry.voxel_grid import voxel_means
 from recognition.model.findings import Finding
 from recognition.parameters import R_MAX, ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
-from recognition.radius_estimation import CELL_M, MAX_HEIGHT_M, measure_ridges
+from recognition.radii.radius_estimation import CELL_M, MAX_HEIGHT_M, measure_ridges
 from recognition.refinement.refinement import FittedStrand, Refinement, refine
 from recognition.refinement.string_classifier import (
     MAX_SQUARENESS,

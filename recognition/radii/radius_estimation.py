@@ -9,6 +9,7 @@ from scipy import ndimage
 from recognition.centre_line import estimate_centre_line
 from recognition.errors import RadiusUnknownError, RecognitionError
 from recognition.geometry.polyline import arc_length
+from recognition.ingestion.view_ingestion import correct_views, ingest_views, merge_heights
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
@@ -20,7 +21,6 @@ from recognition.refinement.string_classifier import classify_strings
 from recognition.registration.registration import register
 from recognition.tracing.occlusion_map import OcclusionMap
 from recognition.tracing.trace import trace_strands
-from recognition.view_ingestion import correct_views, ingest_views, merge_heights
 
 PROBE_R = 0.0015
 """Radius of the first preprocessing, metres. It gives the height threshold z_t, below which points are ignored."""
