@@ -23,6 +23,7 @@ from pointchain_client import Model
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 
 SCENES = ("figure-eight", "tangle", "side-by-side", "end-on-strand", "empty")
 BOXES = (0, 4)
@@ -39,7 +40,9 @@ def judge(case: Case) -> tuple[bool, str, bool]:
     scene = make_scene(name, seed, clutter=boxes)
     scan = simulate(scene, camera_model("oak-d-pro"), seed)
     parameters = ChainParameters.for_radius(scene.radius_m)
-    document = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
+    document = recognise(
+        scan.views, RecognitionRequest(radius_m=parameters.r), Scene(workspace_m=scan.header.workspace_m)
+    ).model.to_json()
     model, result = Model.from_json(document), score(document, scan.truth)
     is_right = result.topology and result.cover >= MIN_COVER if result.strings else result.chains == 0
     return is_right, model.quality.verdict, decide(model, model.grasps, may_rescan=True) not in ("rescan", "ask")

@@ -18,9 +18,9 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.model import PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 
 RADIUS_M = 0.0042
 
@@ -68,7 +68,7 @@ def report(model: PointChainModel) -> None:
 def main() -> None:
     """Recognise the views, print the model, and save it if a file is named."""
     scene = Scene(table_z_m=0.0, workspace_m=((-0.3, 0.3), (-0.3, 0.3), (0.0, 0.12)))
-    model = recognise(my_views(), ChainParameters.for_radius(RADIUS_M), scene).model
+    model = recognise(my_views(), RecognitionRequest(radius_m=RADIUS_M), scene).model
     report(model)
     if len(sys.argv) > 1:
         Path(sys.argv[1]).write_text(json.dumps(model.to_json()))

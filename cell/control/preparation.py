@@ -31,7 +31,7 @@ from cell.planning.calibration_poses import plan_calibration, plan_verification
 from cell.planning.expected_duration import expected_duration
 from cell.planning.viewpoints import ViewpointPlan, require_enough
 from cell.recording.header import RecordingHeader
-from recognition.view_sufficiency import MIN_SUFFICIENT_VIEWS
+from recognition.early_end.view_sufficiency import MIN_SUFFICIENT_VIEWS
 
 log = logging.getLogger(__name__)
 

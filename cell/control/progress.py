@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+from recognition.model.findings import Finding, finding
+
 
 @dataclass(frozen=True)
 class MissingView:
@@ -17,6 +19,11 @@ class MissingView:
     def message(self) -> str:
         """Warning of the model about the missing view."""
         return f"view {self.index} is missing: {self.reason}"
+
+    @property
+    def finding(self) -> Finding:
+        """Finding of the model about the missing view."""
+        return finding("view-missing", self.message, view=self.index)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from recognition.preprocessing.height_map import HeightMap
 from recognition.registration.measured_table import MAX_SIGMA, MeasuredTable, describe_table
-from recognition.registration.pose_prior import given_pose_covariance
 from recognition.registration.registration import Registration, transform_cloud
 from recognition.registration.table_error import estimate_table_error
 
@@ -49,30 +48,6 @@ def table_findings(table: MeasuredTable | None, chains: Sequence[Chain]) -> list
         "contains this difference; measure table_z_m again, or verify the calibration"
     )
     return [finding("table-uncertain", message, value=probability, limit=MIN_PROBABILITY)]
-
-
-def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:
-    """Return the registration with the error of the table to which the views were aligned.
-
-    The poses of all views have this error. If the table is not where it is given, the views were aligned to the
-    measured one. They then do not show the hand-eye error, because this table was computed from the same views, and a
-    single view has the whole error of its given pose.
-
-    Args:
-        registration: Registered views.
-        table: Where the views show the table. None, if no view shows it, returns the registration as it is.
-    """
-    if table is None:
-        return registration
-    if table.is_elsewhere:
-        registration = replace(registration, hand_eye_error=None)
-        if len(registration.clouds) == 1:
-            covariance = given_pose_covariance(registration.clouds[0], registration.centre)
-            return replace(registration, covariance=covariance)
-    error = table.covariance if table.is_elsewhere else estimate_table_error(table).covariance
-    n = len(registration.clouds)
-    common = np.tile(table.pose_covariance(error, registration.centre), (n, n))
-    return replace(registration, covariance=registration.covariance + common)
 
 
 def move_registration(registration: Registration, T: NDArray[np.float64]) -> Registration:

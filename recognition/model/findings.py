@@ -1,6 +1,6 @@
 """Findings of a model: what was excluded, what is uncertain, and what must not be used. Metres, base frame."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -88,7 +88,7 @@ def finding(
     )
 
 
-def most_serious_first(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def most_serious_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return the findings sorted by severity, then by the order of `FINDING_TYPES`."""
     rank = {code: number for number, code in enumerate(FINDING_TYPES)}
     return tuple(

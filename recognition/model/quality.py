@@ -1,9 +1,11 @@
 """Quality of a model: how each view was used, the findings, and the verdict."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 from recognition.model.finding_types import FindingCode
-from recognition.model.findings import Finding
+from recognition.model.findings import Finding, most_serious_first
 from recognition.model.trust import Verdict, model_verdict
 
 
@@ -50,6 +52,15 @@ class Quality:
     """One entry per view, by index."""
     findings: tuple[Finding, ...] = ()
     """What was excluded, what is uncertain, and what must not be used, the most serious first."""
+
+    @classmethod
+    def of(cls, views: Iterable[ViewQuality], findings: Iterable[Finding]) -> Self:
+        """Return the quality of a model, its views sorted by index, and its findings the most serious first."""
+        return cls(tuple(sorted(views, key=lambda view: view.index)), most_serious_first(findings))
+
+    def with_findings(self, added: Sequence[Finding]) -> Self:
+        """Return the quality with further findings, those of equal rank before the others."""
+        return replace(self, findings=most_serious_first((*added, *self.findings))) if added else self
 
     @property
     def verdict(self) -> Verdict:

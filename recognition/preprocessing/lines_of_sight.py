@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.target_cloud import TargetCloud
 
 Points = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ class ViewCounts:
         return (self.through >= MIN_VIEWS) & (self.through >= self.stopped)
 
 
-def count_views(points: Points, r: float, views: Sequence[NormalCloud]) -> ViewCounts:
+def count_views(points: Points, r: float, views: Sequence[NormalCloud | TargetCloud]) -> ViewCounts:
     """Count the views that look through each point, and those that a string with its axis there may have stopped.
 
     Args:

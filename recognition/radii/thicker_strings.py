@@ -11,15 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.centre_line import estimate_centre_line
 from recognition.excluded_pieces import excluded_piece
 from recognition.geometry.polyline import arc_length, close_polyline, resample
 from recognition.geometry.voxel_grid import voxel_means
 from recognition.model.findings import Finding
 from recognition.parameters import R_MAX, ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
-from recognition.radii.radius_estimation import CELL_M, MAX_HEIGHT_M, measure_ridges
-from recognition.refinement.refinement import FittedStrand, Refinement, refine
+from recognition.radii.ridges import CELL_M, MAX_HEIGHT_M, measure_ridges
+from recognition.refinement.refinement import FittedStrand, Refinement
 from recognition.refinement.string_classifier import (
     MAX_SQUARENESS,
     MIN_LENGTH_RADII,
@@ -28,10 +27,9 @@ from recognition.refinement.string_classifier import (
     max_squareness,
 )
 from recognition.registration.fusion import MIN_NORMAL_LENGTH, VOXEL_RADII
-from recognition.registration.registration import Registration
+from recognition.strings import Strings, find_strings
+from recognition.surface import Surface
 from recognition.tracing.end_pairing import AmbiguousPair
-from recognition.tracing.occlusion_map import OcclusionMap
-from recognition.tracing.trace import TracedStrands, trace_strands
 
 Points = NDArray[np.float64]
 
@@ -63,75 +61,58 @@ class StringsOfAllRadii:
     """Ambiguous pairs of ends of all passes."""
 
 
-def find_thicker_strings(
-    graph: TracedStrands,
-    refinement: Refinement,
-    registration: Registration,
-    occlusion_map: OcclusionMap,
-    support: SupportSurface,
-    parameters: ChainParameters,
-) -> StringsOfAllRadii:
-    """Classify the strands of the first pass, and search the rest of the surface for strings of larger radii.
+def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainParameters) -> StringsOfAllRadii:
+    """Search the surface that no string of the given radius explains for strings of larger radii.
 
     The rest is searched only if it looks like a string: as high as it is wide over the length of a string. Its radius
-    is measured, and the steps from the centre line to the tube fit are repeated with it. A thicker strand is a string
-    only if it is certainly round and bent. Otherwise it may be a bar or a rod, and gives a doubt.
+    is measured, and strings are searched with it. A thicker strand is a string only if it is certainly round and bent.
+    Otherwise it may be a bar or a rod, and gives a doubt.
 
     Without a string of the given radius, the given radius is perhaps wrong. The rest is not searched then.
 
     Args:
-        graph: Traced strands of the first pass.
-        refinement: Fitted strands of the first pass.
-        registration: Registered views and their merged surface.
-        occlusion_map: Occlusion map of the registered surface.
-        support: What the strings rest on.
+        surface: Whole surface above the table.
+        first: Strings of the given radius.
         parameters: Method parameters for the given radius.
 
     Returns:
         The strings of all passes.
     """
-    first = classify_strings(refinement, registration.points, parameters, support)
-    if not first.strings or np.count_nonzero(refinement.strand_of_point < 0) < MIN_POINTS:
-        return StringsOfAllRadii((first,), tuple(graph.pairing.ambiguous))
-    passes: list[StringClassification] = [first]
+    first_ambiguous = tuple(first.traced.pairing.ambiguous)
+    is_rest = first.refinement.strand_of_point < 0
+    if not first.classified.strings or np.count_nonzero(is_rest) < MIN_POINTS:
+        return StringsOfAllRadii((first.classified,), first_ambiguous)
+    passes = [first.classified]
     ambiguous: list[AmbiguousPair] = []
     for _ in range(MAX_PASSES):
         known = [string for found in passes for string in found.strings]
-        radius_m = _radius_of_rest(registration.points, known, support, parameters)
+        radius_m = _radius_of_rest(surface.points, known, surface.support, parameters)
         if radius_m is None:
             break
         thicker = _scaled(parameters, radius_m)
-        is_rest = _distance_radii(registration.points, known) > OWN_RADII
-        surface, normals = _thinned(registration.points[is_rest], registration.normals[is_rest], thicker.r)
-        centre_points = estimate_centre_line(surface, normals, thicker).unaveraged
-        traced = trace_strands(centre_points, occlusion_map, thicker, support.table_z_m)
-        fitted = refine(
-            traced.strands,
-            surface,
-            normals,
-            thicker,
-            support,
-            views=registration.clouds,
-            radius_is_given=False,
-            other_lines=[string.points for string in known],
-            bends=traced.pairing.bends,
-        )
-        found = _certain(classify_strings(fitted, surface, thicker, support))
+        further = find_strings(_rest(surface, known, thicker.r), thicker, radius_is_given=False)
+        found = _certain(further.classified)
         passes.append(found)
         if not found.strings:
             break
         # Other strands of this pass lie on the remains of thinner strings, or on objects.
-        ambiguous += [pair for pair in traced.pairing.ambiguous if _lies_along(pair, found.strings, OWN_RADII)]
+        pairs = further.traced.pairing.ambiguous
+        ambiguous += [pair for pair in pairs if _lies_along(pair, found.strings, OWN_RADII)]
     thicker_strings = [string for found in passes[1:] for string in found.strings]
-    if thicker_strings:
-        passes[0] = _classify_rest(refinement, registration.points, thicker_strings, parameters, support)
-        # No string lies inside the tube of another one.
-        ambiguous = [
-            pair for pair in graph.pairing.ambiguous if not _lies_along(pair, thicker_strings, 1.0)
-        ] + ambiguous
-    else:
-        ambiguous += graph.pairing.ambiguous
-    return StringsOfAllRadii(tuple(passes), tuple(ambiguous))
+    if not thicker_strings:
+        return StringsOfAllRadii(tuple(passes), (*ambiguous, *first_ambiguous))
+    passes[0] = _classify_rest(first.refinement, surface, thicker_strings, parameters)
+    # No string lies inside the tube of another one.
+    outside = [pair for pair in first_ambiguous if not _lies_along(pair, thicker_strings, 1.0)]
+    return StringsOfAllRadii(tuple(passes), (*outside, *ambiguous))
+
+
+def _rest(surface: Surface, known: Sequence[FittedStrand], r: float) -> Surface:
+    """Return the surface without that of known strings, its points averaged for the radius `r`, metres."""
+    is_rest = _distance_radii(surface.points, known) > OWN_RADII
+    points, normals = _thinned(surface.points[is_rest], surface.normals[is_rest], r)
+    lines = tuple(string.points for string in known)
+    return replace(surface, points=points, normals=normals, known_lines=lines)
 
 
 def _radius_of_rest(
@@ -194,25 +175,22 @@ def _bow_radii(string: FittedStrand) -> float:
 
 
 def _classify_rest(
-    refinement: Refinement,
-    surface: Points,
-    thicker: Sequence[FittedStrand],
-    parameters: ChainParameters,
-    support: SupportSurface,
+    refinement: Refinement, surface: Surface, thicker: Sequence[FittedStrand], parameters: ChainParameters
 ) -> StringClassification:
     """Classify the strands of the first pass again, without the strands and the surface of the thicker strings.
 
     No string lies inside the tube of another one. Such a strand was traced on the surface of the thicker string.
     """
     is_kept = [np.mean(_distance_radii(strand.points, thicker) < 1) < 0.5 for strand in refinement.strands]
+    # Numbers of the kept strands among them. The last entry is that of no strand, -1.
     number = np.append(np.where(is_kept, np.cumsum(is_kept) - 1, -1), -1)
-    is_rest = _distance_radii(surface, thicker) > OWN_RADII
+    is_rest = _distance_radii(surface.points, thicker) > OWN_RADII
     rest = Refinement(
         [strand for strand, kept in zip(refinement.strands, is_kept, strict=True) if kept],
         number[refinement.strand_of_point[is_rest]],
         refinement.scatter_m,
     )
-    return classify_strings(rest, surface[is_rest], parameters, support)
+    return classify_strings(rest, surface.points[is_rest], parameters, surface.support)
 
 
 def _lies_along(pair: AmbiguousPair, strings: Sequence[FittedStrand], max_radii: float) -> bool:

@@ -56,6 +56,17 @@ class Registration:
     """Hand-eye error estimated from the views; None if the surfaces do not constrain the poses."""
 
 
+NO_REGISTRATION = Registration(
+    points=np.empty((0, 3)),
+    normals=np.empty((0, 3)),
+    clouds=(),
+    views=(),
+    centre=np.zeros(3),
+    covariance=np.empty((0, 0)),
+)
+"""Registration of no views."""
+
+
 def register(
     clouds: Sequence[NormalCloud],
     parameters: ChainParameters,

@@ -5,13 +5,15 @@ explain the difference. But a table height from a tape measure explains it as we
 both: the given plane is exact, or it is some millimetres or tenths of a degree off.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
 from recognition.registration.measured_table import MeasuredTable
+from recognition.registration.pose_prior import given_pose_covariance
+from recognition.registration.registration import Registration
 
 WRONG_SHARE = 0.03
 """Assumed share of scans whose given plane is off, by height or by tilt. It decides how large a difference must be to
@@ -50,6 +52,30 @@ def estimate_table_error(table: MeasuredTable) -> TableErrorEstimate:
         covariance[block] = probability * (prior - gain @ prior + np.outer(error, error))
         probabilities.append(probability)
     return TableErrorEstimate(covariance, max(probabilities))
+
+
+def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:
+    """Return the registration with the error of the table to which the views were aligned.
+
+    The poses of all views have this error. If the table is not where it is given, the views were aligned to the
+    measured one. They then do not show the hand-eye error, because this table was computed from the same views, and a
+    single view has the whole error of its given pose.
+
+    Args:
+        registration: Registered views.
+        table: Where the views show the table. None, if no view shows it, returns the registration as it is.
+    """
+    if table is None:
+        return registration
+    if table.is_elsewhere:
+        registration = replace(registration, hand_eye_error=None)
+        if len(registration.clouds) == 1:
+            covariance = given_pose_covariance(registration.clouds[0], registration.centre)
+            return replace(registration, covariance=covariance)
+    error = table.covariance if table.is_elsewhere else estimate_table_error(table).covariance
+    n = len(registration.clouds)
+    common = np.tile(table.pose_covariance(error, registration.centre), (n, n))
+    return replace(registration, covariance=registration.covariance + common)
 
 
 def _log_density(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:

@@ -7,9 +7,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from recognition.request import RecognitionRequest
 from service.batch.cluster_worker import VersionMismatchError, recognise_on_worker
 from service.batch.errors import INSTALL_EXTRA, BatchError
-from service.batch.recognise_file import RecognitionRequest, RecordingLine, failed_line, hash_recording
+from service.batch.recognise_file import RecordingLine, failed_line, hash_recording
 from service.signals import defer_sigint
 
 if TYPE_CHECKING:

@@ -1,31 +1,32 @@
 """The task that a worker of the Dask cluster runs."""
 
 import signal
+from importlib.metadata import version
 from pathlib import Path
 
-from service.batch.recognise_file import RecognitionRequest, RecordingLine, recognise_file
+from recognition.request import RecognitionRequest
+from service.batch.recognise_file import RecordingLine, recognise_file
 
 
 class VersionMismatchError(Exception):
     """A worker has another version, so its models must not be mixed with those of this run."""
 
 
-def recognise_on_worker(file: str, path: str, request: RecognitionRequest) -> RecordingLine:
+def recognise_on_worker(file: str, path: str, request: RecognitionRequest, release: str) -> RecordingLine:
     """Recognise a recording.
 
     Args:
         file: Name of the recording, for the line.
         path: The file.
         request: How to recognise it.
+        release: Version of Pointchain that sends the request.
 
     Raises:
-        VersionMismatchError: This worker has another version than the request.
+        VersionMismatchError: This worker has another version.
     """
-    worker_version = RecognitionRequest().version
-    if worker_version != request.version:
-        raise VersionMismatchError(
-            f"a worker has pointchain {worker_version}, this is {request.version}; install the same there"
-        )
+    own = version("pointchain")
+    if own != release:
+        raise VersionMismatchError(f"a worker has pointchain {own}, this is {release}; install the same there")
     return recognise_file(file, request, path=Path(path))
 
 

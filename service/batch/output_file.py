@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import IO, Any
 
 from recognition.model.model import SCHEMA
+from recognition.request import RecognitionRequest
 from service.batch.errors import BatchError
 from service.batch.formats import read_lines, write_lines
-from service.batch.recognise_file import RecognitionRequest, RecordingLine, hash_recording
+from service.batch.recognise_file import RecordingLine, hash_recording, request_document
 
 RETRIED_ERRORS = ("recording-unreadable", "file", "internal", "recognition-crashed")
 """Errors of the machine or of Pointchain, not of the recording. The next run tries these recordings again."""
@@ -146,7 +147,7 @@ class OutputFile:
             ) from error
         if schema != SCHEMA:
             raise BatchError(f"{self._path} has models of schema {schema}, now {SCHEMA}: name another file")
-        requested = self._request.to_json()
+        requested = request_document(self._request)
         if earlier != requested:
             differing = [key for key in {**requested, **earlier} if earlier.get(key) != requested.get(key)]
             what = ", ".join(f"{key} {earlier.get(key)}, now {requested.get(key)}" for key in differing)

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from recognition.request import RecognitionRequest
 from service.batch.cluster import local_cluster, recognise_on_cluster
 from service.batch.errors import BatchError
 from service.batch.formats import PARQUET, require_parquet
 from service.batch.output_file import open_output
-from service.batch.recognise_file import RecognitionRequest, RecordingLine, recognise_file
+from service.batch.recognise_file import RecordingLine, recognise_file
 
 
 @dataclass(frozen=True)

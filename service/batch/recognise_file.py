@@ -1,53 +1,21 @@
 """Recognition of one recording to one line of output, which holds the model or the error."""
 
 import json
-import math
 import sys
 import traceback
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from recognition.grasping.gripper import Gripper
-from recognition.model.model import SCHEMA, Method, PointChainModel
-from recognition.pipeline import Recognition
+from recognition.model.model import SCHEMA, PointChainModel
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
 from service.errors import INPUT_ERRORS
 from service.problems.document import error_document
 from service.processing.recording_metadata import hash_file
 from service.processing.results import OnStage, Source, recognise_recording
 from service.processing.stage_figures import write_trace
-
-
-@dataclass(frozen=True)
-class RecognitionRequest:
-    """How recordings are to be recognised. A line is reused only for an equal request."""
-
-    method: Method = "graph"
-    radius_m: float | None = None
-    """Radius of the strings. None: the radius in the recording; if it has none, the radius is measured."""
-    gripper: Gripper = field(default_factory=Gripper)
-    """Gripper for which grasps are planned."""
-    version: str = field(default_factory=lambda: version("pointchain"))
-    settings: Mapping[str, float] = field(default_factory=dict)
-    """Parameter values by name, which replace those for the radius."""
-    all_grasps: bool = False
-    """Whether the model also has the grasps on parts of strings with a doubt."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the member `request` of a line, without `settings` and `all_grasps` if they are not set.
-
-        A radius that is NaN or infinite becomes text. Recognition rejects it.
-        """
-        is_json_number = self.radius_m is None or math.isfinite(self.radius_m)
-        document = asdict(self) | {"radius_m": self.radius_m if is_json_number else str(self.radius_m)}
-        if not self.settings:
-            del document["settings"]
-        if not self.all_grasps:
-            del document["all_grasps"]
-        # Lists instead of tuples, as in a line that is read again.
-        return json.loads(json.dumps(document))
 
 
 @dataclass(frozen=True)
@@ -62,6 +30,11 @@ class RecordingLine:
     """Reason why there is no model. None: there is one."""
     notes: tuple[str, ...] = ()
     """Messages about the verdict, the doubts, the views that the model does not use, and what the recording lacks."""
+
+
+def request_document(request: RecognitionRequest) -> dict[str, Any]:
+    """Return the member `request` of a line: the request, and the version of Pointchain that recognises."""
+    return request.to_json() | {"version": version("pointchain")}
 
 
 def recognise_file(
@@ -83,16 +56,7 @@ def recognise_file(
     path = Path(file) if path is None else path
     sha256 = hash_recording(path)
     try:
-        recognition = recognise_recording(
-            path,
-            request.radius_m,
-            request.method,
-            on_stage,
-            request.gripper,
-            request.settings,
-            request.all_grasps,
-            Source(recording_sha256=sha256),
-        )
+        recognition = recognise_recording(path, request, on_stage, Source(recording_sha256=sha256))
         line = replace(_line(file, request, recognition.model.to_json(), sha256), notes=_notes(recognition.model))
     except INPUT_ERRORS as error:
         return failed_line(file, request, error.slug, str(error), sha256)
@@ -153,5 +117,5 @@ def _line(
     file: str, request: RecognitionRequest, document: dict[str, Any], sha256: str | None, reason: str | None = None
 ) -> RecordingLine:
     recording = {"file": file, "sha256": sha256}
-    text = json.dumps(document | {"recording": recording, "request": request.to_json()}, allow_nan=False)
+    text = json.dumps(document | {"recording": recording, "request": request_document(request)}, allow_nan=False)
     return RecordingLine(file, text, reason)

@@ -18,13 +18,14 @@ from cell.simulation.devices.frame_source import FrameSource
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import Score, score
 from cell.simulation.pose_errors import PoseErrors
+from recognition.early_end.stepwise import recognise_after_each_view
+from recognition.early_end.view_sufficiency import MIN_SUFFICIENT_VIEWS, ViewCheck
 from recognition.errors import RecognitionError
 from recognition.model.trust import Verdict
-from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import DepthView, Scene
-from recognition.stepwise import recognise_after_each_view
-from recognition.view_sufficiency import MIN_SUFFICIENT_VIEWS, ViewCheck
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
 
 VIEWS_TIERS = ("paper", "long", "many", "physical", "soft", "photo", "hard", "fixtures")
 """Tiers whose errors and number of views the simulated cell has. It has no smooth errors of the flange pose, as tier
@@ -128,7 +129,7 @@ def run_views_case(tier_and_seed: tuple[str, int]) -> ViewsCase | None:
     scan = _scan(case)
     if scan is None:
         return None
-    parameters = ChainParameters.for_radius(case.scene.radius_m)
+    request = RecognitionRequest(radius_m=case.scene.radius_m)
     checks: list[ViewCheck] = []
     taken: list[DepthView] = []
 
@@ -140,10 +141,10 @@ def run_views_case(tier_and_seed: tuple[str, int]) -> ViewsCase | None:
                 return
 
     def recognise_some(some: Sequence[DepthView], earlier: Recognition | None) -> Recognition:
-        return recognise(some, parameters, scan.scene, earlier=earlier)
+        return recognise(some, request, scan.scene, earlier=earlier)
 
     auto = _result(lambda: recognise_after_each_view(views_as_needed(), recognise_some, checks.append), scan)
-    eight = _result(lambda: recognise(scan.views, parameters, scan.scene), scan)
+    eight = _result(lambda: recognise(scan.views, request, scan.scene), scan)
     return ViewsCase(tier, seed, len(taken), auto, eight)
 
 

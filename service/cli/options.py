@@ -1,9 +1,13 @@
 """Options that several commands have, with the same spelling and the same limits."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from recognition.grasping.gripper import Gripper
+    from recognition.request import RecognitionRequest
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 """The commands of a parser, to which one more is added."""
@@ -43,11 +47,33 @@ def add_method_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", choices=METHODS, default="graph", help="method of recognition (%(default)s)")
 
 
-def add_all_grasps_option(parser: argparse.ArgumentParser) -> None:
-    """Add --all-grasps."""
+def add_recognition_options(parser: argparse.ArgumentParser, default_radius: str) -> None:
+    """Add --radius, --method and --all-grasps, which `recognition_request` reads.
+
+    Args:
+        parser: Parser of the command.
+        default_radius: Which radius is used without the option.
+    """
+    parser.add_argument("--radius", type=float, metavar="M", help=f"radius of the strings ({default_radius})")
+    add_method_option(parser)
     parser.add_argument(
         "--all-grasps", action="store_true", help="also list the grasps on parts of strings with a doubt"
     )
+
+
+def recognition_request(
+    options: argparse.Namespace, gripper: "Gripper", settings: "Mapping[str, float] | None" = None
+) -> "RecognitionRequest":
+    """Return the request of a command with `add_recognition_options`.
+
+    Args:
+        options: Parsed options.
+        gripper: Configured gripper.
+        settings: Parameter values by name. None: none are set.
+    """
+    from recognition.request import RecognitionRequest
+
+    return RecognitionRequest(options.method, options.radius, settings or {}, gripper, options.all_grasps)
 
 
 def whole_number(low: int, high: int, unit: str) -> Callable[[str], int]:

@@ -1,7 +1,6 @@
 """The inputs of recognition, as the row of a scan keeps them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from importlib.metadata import version
 from typing import Any
 
@@ -23,10 +22,7 @@ def recognition_inputs(
         views: Views of a live scan; None until all are known.
     """
     return {
-        "method": task.method,
-        "string_radius_m": task.radius_m,
-        "gripper": asdict(task.gripper),
-        "all_grasps": task.all_grasps,
+        "request": task.request.to_json(),
         "software": version("pointchain"),
         "recording_sha256": recording_sha256,
         "views": None if views is None else [_view(view) for view in views if view.state == "recorded"],
@@ -39,7 +35,7 @@ def recorded_gripper(inputs: Mapping[str, Any] | None) -> Gripper | None:
     Args:
         inputs: Inputs as `recognition_inputs` returned them.
     """
-    values = (inputs or {}).get("gripper")
+    values = (inputs or {}).get("request", {}).get("gripper")
     if not isinstance(values, dict) or values.keys() != Gripper.__dataclass_fields__.keys():
         return None
     return TypeAdapter(Gripper).validate_python(values)

@@ -1,6 +1,5 @@
 """A live scan: views go to the recording and to recognition as they are taken, and the result joins the recording."""
 
-import json
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,15 +13,14 @@ from cell.control.prepared import PreparedScan
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.recording import RecordingEmptyError, RecordingError, RecordingWriter
-from recognition.view_sufficiency import ViewCheck
+from recognition.early_end.view_sufficiency import ViewCheck
 from service.jobs.inputs import recognition_inputs
 from service.jobs.progress import StoredProgress
 from service.metrics.scans import ScanMetrics
 from service.processing.recording_metadata import describe_recording
-from service.processing.results import Outcome, add_recording_hash
+from service.processing.results import Outcome, write_model
 from service.processing.worker import OnCheck, RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
-from service.storage.data_folder import MODEL
 from service.storage.rows import ScanRow
 from service.storage.store import Store
 
@@ -61,13 +59,12 @@ def run_live_scan(
                 on_check = partial(_decide, views, prepared.may_end_after, on_more_views)
                 outcome = _recognise(store, scan.id, worker, task, limit_s, views, on_check)
                 try:
-                    model = json.loads((task.results / MODEL).read_bytes())
-                    writer.write_result(model)
+                    writer.write_result(outcome.model)
                     writer.close()
                     keep_recording(store, scan.id)
                     recording = store.recording(scan.id)
-                    if recording is not None:
-                        outcome = add_recording_hash(task.results, model, recording.sha256, outcome)
+                    sha256 = None if recording is None else recording.sha256
+                    outcome = write_model(outcome, task.results, sha256)
                 except BaseException:
                     worker.kill()  # its preview is of no use any more
                     raise

@@ -15,6 +15,7 @@ from cell.planning.expected_duration import ExpectedDuration
 from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.header import RecordingHeader
 from recognition.grasping.gripper import Gripper
+from recognition.model.findings import finding
 from service.errors import Failure
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.inputs import recognition_inputs
@@ -22,7 +23,7 @@ from service.jobs.job import Job, UnpreparedScan
 from service.jobs.live_scan import keep_recording, run_live_scan
 from service.jobs.runner import JobCancelledError
 from service.metrics.scans import ScanMetrics
-from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome, hash_and_size
+from service.processing.results import STAGE_START_FRACTION, OnStage, Outcome, hash_and_size, write_model
 from service.processing.worker import RecognitionWorker, TaskFailedError
 from service.processing.worker_main import Task
 from service.states import ScanState
@@ -169,12 +170,11 @@ class ScanWork:
     def _replay(self, scan: ScanRow, results: Path) -> Outcome:
         recording = self._store.recording(scan.recording or "")
         assert recording is not None
-        task = self._task(
-            scan, self._store.folder.recording(recording.id), results, recording.missing, recording.sha256
-        )
+        task = self._task(scan, self._store.folder.recording(recording.id), results, recording.missing)
         inputs = recognition_inputs(task, recording.sha256)
         self._store.scans.update(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
+        outcome = write_model(outcome, results, recording.sha256)
         return dataclasses.replace(outcome, partial=outcome.partial or bool(recording.missing))
 
     def _live(self, job: Job[ScanRow], prepared: PreparedScan, results: Path) -> AbstractContextManager[Outcome]:
@@ -197,21 +197,10 @@ class ScanWork:
         source: Path | RecordingHeader,
         results: Path,
         missing: Sequence[str] = (),
-        recording_sha256: str | None = None,
     ) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
-        return Task(
-            source,
-            scan.string_radius_m,
-            scan.method,
-            self._gripper,
-            results,
-            preview,
-            tuple(missing),
-            scan.all_grasps,
-            scan.id,
-            recording_sha256,
-        )
+        notes = tuple(finding("recording-incomplete", message) for message in missing)
+        return Task(source, scan.request(self._gripper), results, preview, notes, scan.id)
 
     def _on_stage(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from calibration.target.board import Board
 from cell.config.scan_views import Views
 from cell.control.cell import Cell
-from recognition.model.model import Method
+from recognition.request import RecognitionRequest
 from service.jobs.cell_lock import CellLock
 from service.jobs.job import Job, UnpreparedScan
 from service.storage.database import new_id, now
@@ -48,21 +48,17 @@ class Submissions:
     def replay(
         self,
         recording: RecordingRow,
-        method: Method,
-        radius_m: float | None,
+        request: RecognitionRequest,
         requester: Requester = NOBODY,
         source: str | None = None,
-        all_grasps: bool = False,
     ) -> ScanRow:
         """Accept a scan of a recording.
 
         Args:
             recording: The recording.
-            method: Recognition method.
-            radius_m: String radius, metres; None to measure it.
+            request: How to recognise it.
             requester: Who requests the scan.
             source: Id of the scan that is reprocessed.
-            all_grasps: Whether the model also has the grasps on parts with a doubt.
 
         Raises:
             sqlite3.IntegrityError: The recording was removed a moment ago.
@@ -70,12 +66,10 @@ class Submissions:
         with self._lock.reserved():
             scan = new_scan(
                 "replay",
-                method,
-                radius_m,
+                request,
                 requester,
                 recording=recording.id,
                 source=source,
-                all_grasps=all_grasps,
                 simulated=recording.simulated,
             )
             with self._lock.accepting(Job(scan, None), self._begin):
@@ -85,30 +79,24 @@ class Submissions:
     def live(
         self,
         views: Views | None,
-        method: Method,
-        radius_m: float | None,
+        request: RecognitionRequest,
         requested_at: float,
         requester: Requester = NOBODY,
-        all_grasps: bool = False,
     ) -> ScanRow:
         """Accept a live scan. No device is contacted: the job connects and plans.
 
         Args:
             views: Number of viewpoints or `auto`; None for the configured value.
-            method: Recognition method.
-            radius_m: String radius, metres; None to measure it.
+            request: How to recognise the views.
             requested_at: Time of the request, monotonic seconds. The scan is refused if the arm was stopped since.
             requester: Who requests the scan.
-            all_grasps: Whether the model also has the grasps on parts with a doubt.
         """
         with self._lock.reserved():
             self._cell.check_scan(requested_at)
             scan = new_scan(
                 "live",
-                method,
-                radius_m,
+                request,
                 requester,
-                all_grasps=all_grasps,
                 simulated=self._cell.settings.simulated,
                 views=self._cell.settings.for_views(views).scan.views,
             )
@@ -137,13 +125,11 @@ class Submissions:
 
 def new_scan(
     mode: Literal["replay", "live"],
-    method: Method,
-    radius_m: float | None,
+    request: RecognitionRequest,
     requester: Requester,
     *,
     recording: str | None = None,
     source: str | None = None,
-    all_grasps: bool = False,
     simulated: bool | None = None,
     views: Views | None = None,
 ) -> ScanRow:
@@ -151,12 +137,10 @@ def new_scan(
 
     Args:
         mode: Kind of scan.
-        method: Recognition method.
-        radius_m: String radius, metres; None to measure it.
+        request: How to recognise it.
         requester: Who requests the scan.
         recording: Id of the recording of a replay.
         source: Id of the scan that is reprocessed.
-        all_grasps: Whether the model also has the grasps on parts with a doubt.
         simulated: Whether the arm or the camera is simulated. None: not known.
         views: Number of viewpoints of a live scan, or `auto`.
     """
@@ -164,8 +148,7 @@ def new_scan(
         id=new_id(),
         mode=mode,
         recording=recording,
-        method=method,
-        string_radius_m=radius_m,
+        request=request,
         state="queued" if mode == "replay" else "connecting",
         stage=None,
         fraction=0.0,
@@ -176,7 +159,6 @@ def new_scan(
         failure=None,
         source=source,
         requested_by=requester.name,
-        all_grasps=all_grasps,
         simulated=simulated,
         views=views,
     )

@@ -12,20 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.atomic_write import replace_synced, write_synced
+from calibration.atomic_write import write_synced
 from cell.devices import View
 from cell.recording import Recording, RecordingHeader, read_recording
+from recognition.early_end.view_sufficiency import ViewChecks
 from recognition.errors import InsufficientViewsError
-from recognition.grasping.gripper import Gripper
 from recognition.model.document import finding_json
-from recognition.model.findings import Finding, finding, most_serious_first
-from recognition.model.model import Method, PointChainModel
+from recognition.model.findings import Finding, finding
+from recognition.model.model import PointChainModel
 from recognition.model.provenance import Provenance
 from recognition.model.trust import Verdict
-from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
-from recognition.view_sufficiency import ViewCheck
+from recognition.request import RecognitionRequest
 from service.clock import format_utc
 from service.processing.height_map_file import StoredHeightMap, to_npz
 from service.processing.preview import draw_preview
@@ -33,7 +32,7 @@ from service.processing.view_outcomes import ViewOutcome, view_outcomes
 from service.storage.data_folder import CLOUD, HEIGHT_MAP, MODEL
 
 if TYPE_CHECKING:
-    from recognition.pipeline import Recognition
+    from recognition.result import Recognition
 
 OnStage = Callable[[str], None]
 """Called with the name of a stage when it begins."""
@@ -72,9 +71,18 @@ class Source:
     """SHA-256 of the recording. None: the recording is not complete yet."""
 
 
+UNKNOWN_SOURCE = Source()
+"""Source of a model that no scan of the service made."""
+DEFAULT_REQUEST = RecognitionRequest()
+"""Request for the radius of the recording, and the default gripper."""
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """Summary of a result."""
+    """Summary of a result, and its model."""
+
+    model: Mapping[str, Any]
+    """Document of the model."""
 
     chains: int
     """Number of chains."""
@@ -109,43 +117,19 @@ class Outcome:
         }
 
 
-def check_radius(requested_m: float | None, recorded_m: float | None) -> float | None:
-    """Return the string radius to use.
-
-    Args:
-        requested_m: Radius in the request, metres. None: not given.
-        recorded_m: Radius of the recording or of the configuration, metres, used if none is requested. None: unknown.
-
-    Returns:
-        The radius, metres. None if neither is given: recognition then measures it.
-
-    Raises:
-        InvalidParametersError: The radius is not the radius of a string.
-    """
-    radius = recorded_m if requested_m is None else requested_m
-    return None if radius is None else ChainParameters.for_radius(radius).r
-
-
 def recognise_recording(
     path: Path,
-    radius_m: float | None = None,
-    method: Method = "graph",
+    request: RecognitionRequest = DEFAULT_REQUEST,
     on_stage: OnStage | None = None,
-    gripper: Gripper | None = None,
-    settings: Mapping[str, float] | None = None,
-    all_grasps: bool = False,
-    source: Source | None = None,
+    source: Source = UNKNOWN_SOURCE,
 ) -> "Recognition":
     """Recognise a recording. The findings of the model list what is missing from the file.
 
     Args:
         path: The recording.
-        radius_m: String radius, metres. None: the radius in the recording; without one there, it is measured.
-        method: Recognition method.
+        request: How to recognise it. Without a radius, that of the recording is used; without one there, it is
+            measured.
         on_stage: Called with the name of each stage when it begins.
-        gripper: Gripper for which grasps are planned. None: the default gripper.
-        settings: Parameter values by name. They replace the values that follow from the radius.
-        all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
         source: Scan and hash of the recording, for the provenance of the model.
 
     Raises:
@@ -155,34 +139,20 @@ def recognise_recording(
     if on_stage is not None:
         on_stage(READING)
     recording = read_recording(path)
-    radius = check_radius(radius_m, recording.header.string_radius_m)
-    return recognise_views(
-        recording.views,
-        recording.header,
-        recording_findings(recording),
-        radius,
-        method,
-        on_stage,
-        gripper,
-        settings,
-        all_grasps,
-        source,
-    )
+    request = request.or_radius(recording.header.string_radius_m)
+    notes = recording_findings(recording)
+    return recognise_views(recording.views, recording.header, notes, request, on_stage=on_stage, source=source)
 
 
 def recognise_views(
     views: Iterable[View],
     header: RecordingHeader,
     missing: Sequence[Finding],
-    radius_m: float | None,
-    method: Method = "graph",
+    request: RecognitionRequest,
+    *,
     on_stage: OnStage | None = None,
-    gripper: Gripper | None = None,
-    settings: Mapping[str, float] | None = None,
-    all_grasps: bool = False,
-    source: Source | None = None,
-    on_check: Callable[[ViewCheck], None] | None = None,
-    next_is_here: Callable[[], bool] = lambda: False,
+    source: Source = UNKNOWN_SOURCE,
+    checks: ViewChecks | None = None,
 ) -> "Recognition":
     """Recognise the views of a recording or of a running scan. Each view is processed as it arrives.
 
@@ -190,63 +160,37 @@ def recognise_views(
         views: The views.
         header: Header of the recording.
         missing: Findings on missing views. They become findings of the model, and are read after the last view.
-        radius_m: String radius, metres. None: it is measured.
-        method: Recognition method.
+        request: How to recognise the views.
         on_stage: Called with the name of each stage when it begins.
-        gripper: Gripper for which grasps are planned. None: the default gripper.
-        settings: Parameter values by name. They replace the values that follow from the radius.
-        all_grasps: Whether the model also has the grasps on parts of chains with a doubt.
         source: Scan and hash of the recording, for the provenance of the model.
-        on_check: Receives what is doubtful after each view, from the third on. None: only all views are recognised.
-        next_is_here: Whether the next view is already here. The views before it are not recognised then.
+        checks: Receives what is doubtful after each view, from the third on. None: only all views are recognised.
 
     Raises:
         RecognitionError: The radius or the views cannot be used. If too few views can be used, the message also says
             what is missing from the recording.
     """
     # not at the top: the service imports this module without recognition
+    from recognition.early_end.stepwise import recognise_after_each_view
     from recognition.pipeline import recognise
-    from recognition.stepwise import recognise_after_each_view
 
-    parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
     scene = Scene(header.table_z_m, header.workspace_m)
     stamps: list[float] = []
+    arriving = _noting_stamps(views, stamps)
 
     def recognise_some(some: Iterable[DepthView], earlier: "Recognition | None" = None) -> "Recognition":
-        return recognise(some, parameters, scene, method, on_stage, gripper, settings, all_grasps, earlier)
+        return recognise(some, request, scene, on_stage=on_stage, earlier=earlier)
 
     try:
-        arriving = _noting_stamps(views, stamps)
-        recognition = (
-            recognise_some(arriving)
-            if on_check is None
-            else recognise_after_each_view(arriving, recognise_some, on_check, next_is_here)
-        )
+        if checks is None:
+            recognition = recognise_some(arriving)
+        else:
+            recognition = recognise_after_each_view(arriving, recognise_some, checks.on_check, checks.next_is_here)
     except InsufficientViewsError as error:
         incomplete = [found.message for found in missing if found.code == "recording-incomplete"]
         raise InsufficientViewsError("; ".join([str(error), *incomplete])) from error
-    model = recognition.model
-    quality = replace(model.quality, findings=most_serious_first((*missing, *model.quality.findings)))
-    provenance = _provenance(header, max(stamps), source or Source())
-    return replace(recognition, model=replace(model, quality=quality, provenance=provenance))
-
-
-def add_recording_hash(results: Path, model: Mapping[str, Any], sha256: str, outcome: Outcome) -> Outcome:
-    """Write the model again with the hash of the recording, which was not complete when the model was made.
-
-    Args:
-        results: Folder of the files of the result.
-        model: Document in the file of the model.
-        sha256: SHA-256 of the recording.
-        outcome: Outcome with the hashes of the files.
-
-    Returns:
-        The outcome with the new hash of the model.
-    """
-    document = {**model, "provenance": {**model["provenance"], "recording_sha256": sha256}}
-    content = json.dumps(document, allow_nan=False).encode()
-    replace_synced(results / MODEL, content)
-    return replace(outcome, files=outcome.files | {MODEL: hash_and_size(content)})
+    recognition = recognition.with_findings(missing)
+    provenance = _provenance(header, max(stamps), source)
+    return replace(recognition, model=replace(recognition.model, provenance=provenance))
 
 
 def _noting_stamps(views: Iterable[View], stamps: list[float]) -> Iterator[View]:
@@ -269,38 +213,63 @@ def _provenance(header: RecordingHeader, last_stamp_s: float, source: Source) ->
     )
 
 
-def recording_findings(recording: Recording, missing: Sequence[str] = ()) -> list[Finding]:
-    """Return a note for each message about a recording. `missing` has further messages about what is missing."""
+def recording_findings(recording: Recording, known: Sequence[Finding] = ()) -> list[Finding]:
+    """Return a note for each message about a recording. `known` has notes on what is missing that the file hides."""
+    incomplete = [finding("recording-incomplete", message) for message in recording.missing]
     return [
-        *(finding("recording-incomplete", message) for message in dict.fromkeys((*missing, *recording.missing))),
+        *dict.fromkeys((*known, *incomplete)),
         *(finding("colour-unusable", message) for message in recording.unusable_colour),
     ]
 
 
 def write_results(recognition: "Recognition", folder: Path) -> Outcome:
-    """Create `folder`, write the files of the result into it, each synced to the disk, and return the outcome.
+    """Create `folder`, write the measured files of the result into it, each synced to the disk, and return the outcome.
 
-    The files are `model.json`, `cloud.ply` and, if the views were registered, `height-map.npz`.
+    The files are `cloud.ply` and, if the views were registered, `height-map.npz`. `write_model` adds `model.json`.
     """
     folder.mkdir()
-    model, points = recognition.model, merged_cloud(recognition)
-    contents = {MODEL: json.dumps(model.to_json(), allow_nan=False).encode(), CLOUD: to_ply(points)}
+    model = recognition.model
+    contents = {CLOUD: to_ply(merged_cloud(recognition))}
     if recognition.height_map is not None and recognition.height_map.z_m.size and recognition.grasping is not None:
         floor = recognition.grasping.floor
         contents[HEIGHT_MAP] = to_npz(StoredHeightMap(recognition.height_map, floor.table_z_m, floor.min_height_m))
     for name, content in contents.items():
         write_synced(folder / name, content)
+    registration = recognition.registration
     return Outcome(
-        len(model.chains),
-        len(model.crossings),
-        model.quality.verdict,
-        model.quality.findings,
-        _has_excluded_views(model),
-        None if recognition.registration is None else recognition.registration.hand_eye_error,
-        {name: hash_and_size(content) for name, content in contents.items()},
-        dict(model.timing_s),
-        view_outcomes(recognition),
+        model=model.to_json(),
+        chains=len(model.chains),
+        crossings=len(model.crossings),
+        verdict=model.quality.verdict,
+        findings=model.quality.findings,
+        partial=_has_excluded_views(model),
+        calibration_error=None if registration is None else registration.hand_eye_error,
+        files={name: hash_and_size(content) for name, content in contents.items()},
+        timing_s=dict(model.timing_s),
+        views=view_outcomes(recognition),
     )
+
+
+def write_model(outcome: Outcome, folder: Path, recording_sha256: str | None) -> Outcome:
+    """Write `model.json` with the hash of its recording, synced to the disk.
+
+    Args:
+        outcome: Outcome of `write_results`.
+        folder: Folder of the files of the result.
+        recording_sha256: SHA-256 of the recording, which a live scan completes after the recognition. None: there is no
+            recording.
+
+    Returns:
+        The outcome with the hash of the file.
+    """
+    content = json.dumps(with_recording_hash(outcome.model, recording_sha256), allow_nan=False).encode()
+    write_synced(folder / MODEL, content)
+    return replace(outcome, files=outcome.files | {MODEL: hash_and_size(content)})
+
+
+def with_recording_hash(model: Mapping[str, Any], sha256: str | None) -> dict[str, Any]:
+    """Return the document of a model with the hash of its recording. None: there is no recording."""
+    return {**model, "provenance": {**model["provenance"], "recording_sha256": sha256}}
 
 
 def write_preview(recognition: "Recognition", path: Path) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from recognition.model.chains import Crossing
 from recognition.model.model import PointChainModel
-from recognition.pipeline import Recognition
+from recognition.result import Recognition
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,17 +79,17 @@ def _reached(recognition: Recognition) -> list[str]:
     names = ["target_cloud"]
     if recognition.registration is not None:
         names.append("registered_cloud")
-    if recognition.centre_line is not None:
+    if recognition.stages.centre_line is not None:
         names.append("centre_line")
-    if recognition.enhanced is not None:
+    if recognition.stages.enhanced is not None:
         names += ["thinned_cloud", "contribution_rate", "intersections"]
-    if recognition.centre_line is not None and recognition.model.method != "graph":
+    if recognition.stages.centre_line is not None and recognition.model.method != "graph":
         names.append("segments")
-    if recognition.reconstruction is not None:
+    if recognition.stages.reconstruction is not None:
         names.append("reconnected")
-    if recognition.graph is not None:
+    if recognition.stages.graph is not None:
         names += ["nodes", "fragments", "paired_ends"]
-    if recognition.refinement is not None:
+    if recognition.stages.refinement is not None:
         names.append("tube_fit")
     return [*names, "model"]
 
@@ -113,28 +113,28 @@ def _registered_cloud(figure: "Figure", recognition: Recognition, truth: Truth) 
 
 
 def _centre_line(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.centre_line is not None
+    assert recognition.stages.centre_line is not None
     axes = _from_above(figure, "Centre line point cloud")
-    _by_height(figure, axes, recognition.centre_line.points * MM)
+    _by_height(figure, axes, recognition.stages.centre_line.points * MM)
     _finish(figure, axes, truth)
 
 
 def _thinned_cloud(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.thinned is not None
+    assert recognition.stages.thinned is not None
     r_c = recognition.model.parameters.r_c * MM
     axes = _from_above(figure, f"Thinned point cloud (r_c = {r_c:.2f} mm)")
-    _by_height(figure, axes, recognition.thinned * MM)
+    _by_height(figure, axes, recognition.stages.thinned * MM)
     _finish(figure, axes, truth)
 
 
 def _contribution_rate(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.thinned is not None
-    assert recognition.enhanced is not None
+    assert recognition.stages.thinned is not None
+    assert recognition.stages.enhanced is not None
     parameters = recognition.model.parameters
     axes = _from_above(figure, f"Contribution rate (r_s = {parameters.r_s * MM:.2f} mm, rho_t = {parameters.rho_t:g})")
-    rho = recognition.enhanced.rho
+    rho = recognition.stages.enhanced.rho
     drawn = axes.scatter(
-        *recognition.thinned[:, :2].T * MM,
+        *recognition.stages.thinned[:, :2].T * MM,
         c=rho,
         s=4,
         cmap="jet_r",
@@ -146,19 +146,19 @@ def _contribution_rate(figure: "Figure", recognition: Recognition, truth: Truth)
 
 
 def _intersections(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.thinned is not None
-    assert recognition.enhanced is not None
+    assert recognition.stages.thinned is not None
+    assert recognition.stages.enhanced is not None
     axes = _from_above(figure, "Points that belong to an intersection")
-    inside = recognition.enhanced.in_intersection
+    inside = recognition.stages.enhanced.in_intersection
     for chosen, colour, label in ((~inside, "0.7", None), (inside, "crimson", "in an intersection")):
-        axes.scatter(*recognition.thinned[chosen, :2].T * MM, s=3, color=colour, label=label)
+        axes.scatter(*recognition.stages.thinned[chosen, :2].T * MM, s=3, color=colour, label=label)
     _finish(figure, axes, truth)
 
 
 def _segments(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    enhanced = recognition.enhanced
+    enhanced = recognition.stages.enhanced
     axes = _from_above(figure, "Linked segments" if enhanced is None else "Linked segments and bifurcation centres")
-    _lines(axes, recognition.segments)
+    _lines(axes, recognition.stages.segments)
     if enhanced is not None and len(enhanced.bifurcation_centres):
         centres = enhanced.bifurcation_centres * MM
         axes.plot(*centres[:, :2].T, "*", color="crimson", markersize=14, label="bifurcation centre")
@@ -166,15 +166,15 @@ def _segments(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
 
 
 def _reconnected(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.reconstruction is not None
+    assert recognition.stages.reconstruction is not None
     axes = _from_above(figure, "Segments with close ends reconnected")
-    _lines(axes, [strand.points for strand in recognition.reconstruction.reconnected])
+    _lines(axes, [strand.points for strand in recognition.stages.reconstruction.reconnected])
     _finish(figure, axes, truth)
 
 
 def _nodes(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.graph is not None
-    nodes = recognition.graph.nodes
+    assert recognition.stages.graph is not None
+    nodes = recognition.stages.graph.nodes
     axes = _from_above(figure, "Nodes of the centre line and the direction of the string at each")
     _by_height(figure, axes, nodes.points * MM)
     axes.quiver(
@@ -192,29 +192,29 @@ def _nodes(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
 
 
 def _fragments(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.graph is not None
+    assert recognition.stages.graph is not None
     axes = _from_above(figure, "Fragments: the visible parts of the strands")
-    _lines(axes, [fragment.points for fragment in recognition.graph.fragments])
+    _lines(axes, [fragment.points for fragment in recognition.stages.graph.fragments])
     _finish(figure, axes, truth)
 
 
 def _paired_ends(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    assert recognition.graph is not None
+    assert recognition.stages.graph is not None
     axes = _from_above(figure, "Ends of the fragments, and the pairs that are joined")
-    for number, fragment in enumerate(recognition.graph.fragments):
+    for number, fragment in enumerate(recognition.stages.graph.fragments):
         axes.plot(*fragment.points[:, :2].T * MM, color="0.7", label=None if number else "fragment")
-    ends = recognition.graph.pairing.ends
+    ends = recognition.stages.graph.pairing.ends
     if len(ends.points):  # a ring has no ends
         axes.quiver(*ends.points[:, :2].T * MM, *ends.directions[:, :2].T, width=0.003)
         axes.plot([], [], "k>", label="end and its direction")
-    for number, pair in enumerate(recognition.graph.pairing.pairs):
+    for number, pair in enumerate(recognition.stages.graph.pairing.pairs):
         line = ends.points[list(pair), :2].T * MM
         axes.plot(*line, "o-", color="crimson", label=None if number else "joined pair")
     _finish(figure, axes, truth)
 
 
 def _tube_fit(figure: "Figure", recognition: Recognition, truth: Truth) -> None:
-    registration, refinement = recognition.registration, recognition.refinement
+    registration, refinement = recognition.registration, recognition.stages.refinement
     assert registration is not None
     assert refinement is not None
     scatter_mm = refinement.scatter_m * MM

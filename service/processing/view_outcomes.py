@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from recognition.pipeline import Recognition
+    from recognition.result import Recognition
 
 
 @dataclass(frozen=True)

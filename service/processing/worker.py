@@ -18,7 +18,7 @@ from pathlib import Path
 from cell.control.progress import MissingView
 from cell.devices import View
 from cell.process.logging import child_logging_setup
-from recognition.view_sufficiency import FIRST_CHECK, ViewCheck
+from recognition.early_end.view_sufficiency import FIRST_CHECK, ViewCheck
 from service.errors import Failure
 from service.processing.results import OnStage, Outcome
 from service.processing.worker_main import (

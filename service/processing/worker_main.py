@@ -4,7 +4,7 @@ import logging
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,11 +18,11 @@ from cell.process.logging import LoggingSetup
 from cell.process.python_process import exit_with_parent
 from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
-from recognition.grasping.gripper import Gripper
-from recognition.model.findings import Finding, finding
-from recognition.model.model import Method, PointChainModel
+from recognition.early_end.view_sufficiency import ViewChecks
+from recognition.model.findings import Finding
+from recognition.model.model import PointChainModel
 from recognition.parameters import ChainParameters
-from recognition.view_sufficiency import ViewCheck
+from recognition.request import RecognitionRequest
 from service.errors import INPUT_ERRORS, Failure
 from service.logs.setup import scan_log_context
 from service.processing.preview import draw_preview
@@ -39,7 +39,7 @@ from service.processing.results import (
 from service.storage.storage_errors import is_full
 
 if TYPE_CHECKING:
-    from recognition.pipeline import Recognition
+    from recognition.result import Recognition
 
 log = logging.getLogger(__name__)
 
@@ -55,24 +55,16 @@ class Task:
 
     source: Path | RecordingHeader
     """A recording, or the header of a recording in progress. With a header, the views follow through the pipe."""
-    radius_m: float | None
-    """String radius, metres. None: it is measured, also if the recording has one."""
-    method: Method
-    """Recognition method."""
-    gripper: Gripper
-    """Gripper for which grasps are planned."""
+    request: RecognitionRequest
+    """How to recognise it. Without a radius, it is measured, also if the recording has one."""
     results: Path
     """Folder for the files of the result. The process creates it."""
     preview: Path
     """File for the preview. The process writes it after it has sent the outcome."""
-    missing: tuple[str, ...] = ()
-    """Messages about what is known to be missing from a recording, even if its file does not show it."""
-    all_grasps: bool = False
-    """Whether the model also has the grasps on parts of chains with a doubt."""
+    missing: tuple[Finding, ...] = ()
+    """Notes on what is known to be missing from a recording, even if its file does not show it."""
     scan: str | None = None
     """Id of the scan, for the log and for the provenance of the model."""
-    recording_sha256: str | None = None
-    """SHA-256 of the recording, for the provenance. None: the recording is in progress."""
     check_views: bool = False
     """Whether the views so far are recognised when a view arrives, to find out whether they suffice."""
 
@@ -137,7 +129,8 @@ def run_process(pipe: Connection, set_up_log: LoggingSetup | None = None) -> Non
     if parent is not None:
         exit_with_parent(parent.sentinel)  # so that nothing writes into the service's data folder afterwards
     # not at the top of this module, which the service imports too
-    import recognition.stepwise as _  # noqa: F401 (imports all of recognition, so that no task waits for it)
+    import recognition.early_end.stepwise
+    import recognition.pipeline
 
     pipe.send(Ready())
     if not pipe.poll(WARM_UP_DELAY_S):
@@ -195,9 +188,15 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> "Recognition"
     if isinstance(task.source, Path):
         on_stage(READING)
         recording = read_recording(task.source)
-        missing = recording_findings(recording, task.missing)
-        return _recognise_views(task, recording.views, recording.header, missing, on_stage)
-    missing = []
+        return recognise_views(
+            recording.views,
+            recording.header,
+            recording_findings(recording, task.missing),
+            task.request,
+            source=Source(task.scan),
+            on_stage=on_stage,
+        )
+    missing: list[Finding] = []
     next_is_here = False
 
     def receive_views() -> Iterator[View]:
@@ -208,35 +207,13 @@ def _recognise(task: Task, pipe: Connection, on_stage: OnStage) -> "Recognition"
         if isinstance(message, Cancelled):
             raise TaskCancelledError
         assert isinstance(message, EndOfViews)
-        missing.extend(finding("view-missing", view.message, view=view.index) for view in message.missing)
+        missing.extend(view.finding for view in message.missing)
 
+    source = Source(task.scan)
     if task.check_views:
-        return _recognise_views(task, receive_views(), task.source, missing, None, pipe.send, lambda: next_is_here)
-    return _recognise_views(task, receive_views(), task.source, missing, on_stage)
-
-
-def _recognise_views(
-    task: Task,
-    views: Iterable[View],
-    header: RecordingHeader,
-    missing: Sequence[Finding],
-    on_stage: OnStage | None,
-    on_check: Callable[[ViewCheck], None] | None = None,
-    next_is_here: Callable[[], bool] = lambda: False,
-) -> "Recognition":
-    return recognise_views(
-        views,
-        header,
-        missing,
-        task.radius_m,
-        task.method,
-        on_stage,
-        task.gripper,
-        all_grasps=task.all_grasps,
-        source=Source(task.scan, task.recording_sha256),
-        on_check=on_check,
-        next_is_here=next_is_here,
-    )
+        checks = ViewChecks(pipe.send, lambda: next_is_here)
+        return recognise_views(receive_views(), task.source, missing, task.request, source=source, checks=checks)
+    return recognise_views(receive_views(), task.source, missing, task.request, source=source, on_stage=on_stage)
 
 
 def _warm_up_drawing() -> None:

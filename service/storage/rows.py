@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from cell.config.scan_views import Views
+from recognition.grasping.gripper import Gripper
 from recognition.model.model import Method
+from recognition.request import RecognitionRequest
 from service.errors import Failure
 from service.states import ScanState, ViewState
 
@@ -67,6 +69,10 @@ class ScanRow:
     """Durations of the parts of the scan apart from its views, seconds, as JSON."""
     views: Views | None = None
     """Number of viewpoints of a live scan, or `auto`; None if not known."""
+
+    def request(self, gripper: Gripper) -> RecognitionRequest:
+        """Return how to recognise the scan for a gripper."""
+        return RecognitionRequest(self.method, self.string_radius_m, {}, gripper, self.all_grasps)
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from pointchain_client import Grasp, GraspReach, Model
 from recognition.model.finding_types import FINDING_TYPES
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CODES = re.compile(r'^(?:const )?MORE_DATA_HELPS\b[^"]*((?:"[\w-]+",?\s*)+)', re.MULTILINE)
@@ -58,8 +58,11 @@ def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tu
     """Return the model of a simulated scene and its score, for a given radius of `radius_share` of the true one."""
     scene = make_scene(name, seed, clutter=clutter)
     scan = simulate(scene, camera_model("oak-d-pro"), seed)
-    parameters = ChainParameters.for_radius(radius_share * scene.radius_m)
-    document = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
+    document = recognise(
+        scan.views,
+        RecognitionRequest(radius_m=radius_share * scene.radius_m),
+        Scene(workspace_m=scan.header.workspace_m),
+    ).model.to_json()
     return Model.from_json(document), score(document, scan.truth)
 
 

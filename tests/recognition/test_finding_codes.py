@@ -28,6 +28,7 @@ from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene, deproject
 from recognition.refinement.refinement import FittedStrand, Refinement
 from recognition.refinement.string_classifier import classify_strings
+from recognition.request import RecognitionRequest
 from tests.recognition.validity import assert_valid_finding
 
 pytestmark = pytest.mark.slow
@@ -62,8 +63,7 @@ def findings_of(
     workspace = scan.header.workspace_m
     if half_m is not None:
         workspace = ((-half_m, half_m), (-half_m, half_m), (0.0, 0.12))
-    parameters = ChainParameters.for_radius(r)
-    model = recognise(views or scan.views, parameters, Scene(0.0, workspace), gripper=gripper).model
+    model = recognise(views or scan.views, RecognitionRequest(radius_m=r, gripper=gripper), Scene(0.0, workspace)).model
     for found in model.quality.findings:
         assert_valid_finding(found, model)
     return model.quality.findings

@@ -23,8 +23,11 @@ from recognition.model.chains import Chain
 from recognition.model.findings import Finding
 from recognition.model.model import METHODS, Method, PointChainModel
 from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise, stages_of
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
+from recognition.stage_timer import stages_of
 from recognition.tracing.fragments import Fragment, link_nodes
 from recognition.tracing.nodes import CentreLineNodes
 
@@ -43,7 +46,10 @@ def scene(scan: SimulatedScan) -> Scene:
 
 @pytest.fixture(scope="module")
 def result(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> Callable[[Method], Recognition]:
-    results = {method: recognise(scan.views, table_1, scene, method) for method in METHODS}
+    results = {
+        method: recognise(scan.views, RecognitionRequest(method=method, radius_m=table_1.r), scene)
+        for method in METHODS
+    }
     return lambda method: results[method]
 
 
@@ -115,7 +121,7 @@ def test_the_graph_method_is_the_default_and_finds_the_loop_better(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, result: Callable[[Method], Recognition]
 ) -> None:
     recognition = result("graph")
-    assert document(recognise(scan.views, table_1, scene)) == document(recognition)
+    assert document(recognise(scan.views, RecognitionRequest(radius_m=table_1.r), scene)) == document(recognition)
     model = recognition.model
     assert model.method == "graph"
     (chain,), (curve,) = model.chains, scan.truth["curves"]
@@ -157,21 +163,21 @@ def test_the_graph_method_measures_the_crossing(scan: SimulatedScan, result: Cal
 
 
 def test_the_radius_is_measured_if_it_is_not_given(scan: SimulatedScan, scene: Scene) -> None:
-    model = recognise(scan.views, None, scene).model
+    model = recognise(scan.views, scene=scene).model
     assert model.parameters.r == pytest.approx(0.0042, rel=0.05)
     assert len(model.chains) == len(model.crossings) == 1
 
 
 def test_a_string_much_thinner_than_the_given_radius_gives_a_doubt(scan: SimulatedScan, scene: Scene) -> None:
     # The radius is 4.2 mm and 6 mm is given: the chain has the true radius, but parts of it may be missing.
-    model = recognise(scan.views, ChainParameters.for_radius(0.006), scene).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.006), scene).model
     assert model.chains[0].radius_m == pytest.approx(0.0042, rel=0.1)
     doubt = next(found for found in model.quality.doubts if found.code == "radius-much-smaller")
     assert doubt.chains == (0,)
     assert (doubt.value, doubt.limit) == (pytest.approx(0.0042, rel=0.1), 0.006)
     assert not model.trusted(0)
     # If 3 mm is given, the string is found whole, and a note reports its radius.
-    model = recognise(scan.views, ChainParameters.for_radius(0.003), scene).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.003), scene).model
     assert doubts_but_coverage(model) == []
     note = next(found for found in model.quality.findings if found.code == "radius-larger")
     assert note.chains == (0,)
@@ -199,7 +205,9 @@ def test_stages_are_reported_in_order_and_timed(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, method: Method
 ) -> None:
     reported: list[str] = []
-    model = recognise(scan.views, table_1, scene, method, on_stage=reported.append).model
+    model = recognise(
+        scan.views, RecognitionRequest(method=method, radius_m=table_1.r), scene, on_stage=reported.append
+    ).model
     assert tuple(reported) == stages_of(method)
     assert tuple(model.timing_s) == stages_of(method)
     assert all(seconds >= 0 for seconds in model.timing_s.values())
@@ -216,7 +224,7 @@ def test_waiting_for_a_view_is_not_counted_as_work(
             yield view
 
     began = time.perf_counter()
-    recognition = recognise(as_they_come(), table_1, scene)
+    recognition = recognise(as_they_come(), RecognitionRequest(radius_m=table_1.r), scene)
     taken_s = time.perf_counter() - began
     assert document(recognition) == document(result("graph"))
     assert sum(recognition.model.timing_s.values()) <= taken_s - len(scan.views) * wait_s
@@ -227,7 +235,7 @@ def test_the_same_input_gives_the_same_model(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, result: Callable[[Method], Recognition], method: Method
 ) -> None:
     # From an iterator, as a scan or a replay delivers its views.
-    again = recognise(iter(scan.views), table_1, scene, method)
+    again = recognise(iter(scan.views), RecognitionRequest(method=method, radius_m=table_1.r), scene)
     assert document(again) == document(result(method))
 
 
@@ -253,8 +261,8 @@ def test_a_scan_moved_on_the_table_gives_the_model_moved(table_1: ChainParameter
     exact = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=3)
     T_moved = from_rotation_vector((0.3, -0.2, 0.0), (0, 0, 0.2))
     moved_views = [replace(view, T_base_flange=T_moved @ view.T_base_flange) for view in exact.views]
-    before = recognise(exact.views, table_1, Scene()).model
-    after = recognise(moved_views, table_1, Scene()).model
+    before = recognise(exact.views, RecognitionRequest(radius_m=table_1.r), Scene()).model
+    after = recognise(moved_views, RecognitionRequest(radius_m=table_1.r), Scene()).model
     assert after.gauss_code() == before.gauss_code()
     assert len(after.gauss_code()[0]) == 2
     assert after.chains[0].ends == before.chains[0].ends
@@ -273,7 +281,12 @@ def test_no_string_is_a_valid_empty_model(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters, method: Method
 ) -> None:
     reported: list[str] = []
-    recognition = recognise(map(empty_table, scan.views), table_1, scene, method, on_stage=reported.append)
+    recognition = recognise(
+        map(empty_table, scan.views),
+        RecognitionRequest(method=method, radius_m=table_1.r),
+        scene,
+        on_stage=reported.append,
+    )
     empty = document(recognition)
     assert (empty["chains"], empty["crossings"], empty["grasps"]) == ([], [], [])
     assert empty["topology"] == {"gauss_code": [], "p_data": {"elements": [], "matrix": []}}
@@ -293,7 +306,7 @@ def test_a_view_without_depth_is_excluded_and_reported(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
     views = [scan.views[0], replace(scan.views[1], depth=np.zeros_like(scan.views[1].depth)), scan.views[2]]
-    model = recognise(views, table_1, scene).model
+    model = recognise(views, RecognitionRequest(radius_m=table_1.r), scene).model
     assert [view.used for view in model.quality.views] == [True, False, True]
     assert (model.quality.views[1].code, model.quality.views[1].reason) == (
         "view-without-depth",
@@ -308,7 +321,9 @@ def test_a_single_view_gives_a_model_with_a_larger_sigma(table_1: ChainParameter
     camera = camera_model("ideal", (320, 200))
     scan = simulate(make_scene("loop", 1), camera, 1, views=3, workspace_half_m=0.12)
     shown = Scene(0.0, scan.header.workspace_m)
-    all_views, one_view = (recognise(views, table_1, shown).model for views in (scan.views, scan.views[1:2]))
+    all_views, one_view = (
+        recognise(views, RecognitionRequest(radius_m=table_1.r), shown).model for views in (scan.views, scan.views[1:2])
+    )
     assert one_view.gauss_code() == all_views.gauss_code()
     assert one_view.quality.verdict == "accept"
     (chain,), (usual,) = one_view.chains, all_views.chains
@@ -325,7 +340,7 @@ def test_ends_that_a_single_view_hides_are_unobserved(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
     # This view is oblique and coarse. It hides so much of the lower strand that its two parts are not joined.
-    model = recognise(scan.views[:1], table_1, scene).model
+    model = recognise(scan.views[:1], RecognitionRequest(radius_m=table_1.r), scene).model
     assert sorted(chain.ends for chain in model.chains) == [("free", "unobserved"), ("unobserved", "free")]
     assert model.quality.verdict == "review"
     assert [found.code for found in model.quality.doubts].count("end-unobserved") == 2
@@ -335,30 +350,30 @@ def test_no_views_and_views_without_depth_are_errors(
     scan: SimulatedScan, scene: Scene, table_1: ChainParameters
 ) -> None:
     with pytest.raises(InsufficientViewsError, match="no view was given"):
-        recognise([], table_1, scene)
+        recognise([], RecognitionRequest(radius_m=table_1.r), scene)
     blind = [replace(view, depth=np.zeros_like(view.depth)) for view in scan.views]
     with pytest.raises(NoDepthError, match="no view measured anything in the workspace"):
-        recognise(blind, table_1, scene)
+        recognise(blind, RecognitionRequest(radius_m=table_1.r), scene)
     with pytest.raises(NoDepthError, match="view 0: no pixel has a depth"):
-        recognise(blind[:1], table_1, scene)
+        recognise(blind[:1], RecognitionRequest(radius_m=table_1.r), scene)
     saturated = [replace(view, depth=np.full_like(view.depth, 65535)) for view in scan.views]
     with pytest.raises(NoDepthError, match="no view measured anything in the workspace"):
-        recognise(saturated, table_1, scene)
+        recognise(saturated, RecognitionRequest(radius_m=table_1.r), scene)
 
 
 @pytest.mark.parametrize("r", [0.001, 0.0042, 0.012])
 def test_a_wrong_radius_still_gives_a_finite_model(scan: SimulatedScan, scene: Scene, r: float) -> None:
     for method in METHODS:
-        model = document(recognise(scan.views, ChainParameters.for_radius(r), scene, method))
+        model = document(recognise(scan.views, RecognitionRequest(method=method, radius_m=r), scene))
         assert model["parameters"]["r_m"] == r
         for chain in model["chains"]:
             lengths = {len(chain[name]) for name in ("points", "arc_length_m", "sigma_m", "views")}
             assert len(lengths) == 1
 
 
-def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
+def test_an_unknown_method_is_refused(scan: SimulatedScan, scene: Scene) -> None:
     with pytest.raises(InvalidParametersError, match="no method 'grpah'; it must be one of matching, enhanced, graph"):
-        recognise(scan.views, table_1, scene, "grpah")  # type: ignore[arg-type]  # the name must be refused, not typed
+        recognise(scan.views, RecognitionRequest("grpah"), scene)  # type: ignore[arg-type]  # the name is refused
 
 
 def test_an_end_behind_which_string_was_lost_is_unobserved_and_reported(
@@ -374,7 +389,7 @@ def test_an_end_behind_which_string_was_lost_is_unobserved_and_reported(
         return fragments
 
     monkeypatch.setattr("recognition.tracing.trace.link_nodes", without_its_first_40_mm)
-    model = recognise(scan.views, table_1, scene).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=table_1.r), scene).model
     (chain,) = model.chains
     assert chain.length_m < 0.39
     nearer = int(np.argmin(np.linalg.norm(chain.points[[0, -1]] - first, axis=1)))
@@ -394,7 +409,9 @@ def test_scanning_an_unmoved_scene_again_gives_the_same_ids_directions_and_codes
     for again in range(3):
         # Other noise, and other errors of the poses and of the calibration.
         scan = simulate(make_scene(name, seed), camera_model("oak-d-pro", (320, 200)), again, views=6)
-        models.append(recognise(scan.views, table_1, Scene(0.0, scan.header.workspace_m)).model)
+        models.append(
+            recognise(scan.views, RecognitionRequest(radius_m=table_1.r), Scene(0.0, scan.header.workspace_m)).model
+        )
     first = models[0]
     assert first.crossings
     for model in models[1:]:

@@ -12,6 +12,7 @@ from recognition.errors import InvalidParametersError
 from recognition.model.model import METHODS, Method
 from recognition.parameters import USED_BY, ChainParameters, check_settings
 from recognition.pipeline import recognise
+from recognition.request import RecognitionRequest
 
 R = 0.0042
 
@@ -34,11 +35,19 @@ class Watched(ChainParameters):
         return super().__getattribute__(name)
 
 
+class WatchedRequest(RecognitionRequest):
+    """Request whose parameters record which of them are read."""
+
+    def parameters_for(self, radius_m: float) -> ChainParameters:
+        """Return watched parameters."""
+        return Watched(**asdict(super().parameters_for(radius_m)))
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_the_table_lists_the_parameters_that_a_method_reads(scan: SimulatedScan, method: Method) -> None:
-    parameters = Watched(**asdict(ChainParameters.for_radius(R)))
+    request = WatchedRequest(method, R)
     Watched.read.clear()
-    recognise(scan.views, parameters, method=method)
+    recognise(scan.views, request)
     assert Watched.read == {name for name, methods in USED_BY.items() if method in methods}
 
 
@@ -49,14 +58,13 @@ def test_the_table_has_every_parameter_but_the_radius() -> None:
 
 def test_a_setting_replaces_the_value_for_the_radius(scan: SimulatedScan) -> None:
     settings = {"z_t": 0.004, "r_cn": 0.013}
-    table_1 = ChainParameters.for_radius(R)
-    model = recognise(scan.views, table_1, settings=settings).model
-    assert asdict(model.parameters) == asdict(table_1) | settings
+    model = recognise(scan.views, RecognitionRequest(radius_m=R, settings=settings)).model
+    assert asdict(model.parameters) == asdict(ChainParameters.for_radius(R)) | settings
 
 
 def test_settings_are_absolute_where_the_radius_is_measured(scan: SimulatedScan) -> None:
     measured = recognise(scan.views).model.parameters
-    changed = recognise(scan.views, settings={"z_t": 0.004}).model.parameters
+    changed = recognise(scan.views, RecognitionRequest(settings={"z_t": 0.004})).model.parameters
     assert changed.r == measured.r, "the measurement does not use the settings"
     assert asdict(changed) == asdict(measured) | {"z_t": 0.004}
 

@@ -12,7 +12,9 @@ from recognition.model.finding_types import FINDING_TYPES, FindingCode
 from recognition.model.findings import SEVERITIES, Finding
 from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
-from recognition.pipeline import recognise, stages_of
+from recognition.pipeline import recognise
+from recognition.request import RecognitionRequest
+from recognition.stage_timer import stages_of
 from tests.recognition.invariants import gauss_code_of
 from tests.recognition.odd_scans import Case
 
@@ -23,7 +25,9 @@ ADVICE = ("check", "give", "needed", "must", "no model is made")
 def check(case: Case) -> PointChainModel | RecognitionError:
     """Return the answer to `case` after checking that it is a valid model, or an error that says what to do."""
     try:
-        model = recognise(case.views, case.parameters, case.scene, case.method).model
+        model = recognise(
+            case.views, RecognitionRequest(method=case.method, radius_m=case.parameters.r), case.scene
+        ).model
     except RecognitionError as error:
         assert_helpful(error)
         return error

@@ -29,7 +29,7 @@ from tests.service.faults.figures import Figures
 from tests.service.observed_problems import OBSERVED, check_observed, observe_answer
 
 PRELOADED = (
-    "recognition.stepwise",
+    "recognition.early_end.stepwise",
     "service.processing.worker_main",
     "matplotlib.figure",
     "matplotlib.backends.backend_agg",

@@ -87,9 +87,9 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     from cell.simulation.cases import make_case, simulate
     from cell.simulation.scenes.low_obstacles import kind_of
     from recognition.errors import RecognitionError
-    from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise
     from recognition.preprocessing.target_cloud import Scene
+    from recognition.request import RecognitionRequest
 
     tier, seed = tier_and_seed
     case = make_case(tier, seed)
@@ -98,8 +98,8 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     results = []
     for method in METHODS:
         try:
-            parameters = ChainParameters.for_radius(scan.truth["radius"])
-            recognised = recognise(scan.views, parameters, scene, method).model
+            request = RecognitionRequest(method, scan.truth["radius"])
+            recognised = recognise(scan.views, request, scene).model
             model = recognised.to_json()
         except RecognitionError as error:
             results.append(CaseResult(tier, seed, method, None, f"{error.slug}: {error}", kind=kind))

@@ -94,16 +94,16 @@ def run_grasp_case(tier_and_seed: tuple[str, int]) -> GraspCase:
     """
     from cell.simulation.cases import make_case, simulate
     from recognition.errors import RecognitionError
-    from recognition.parameters import ChainParameters
     from recognition.pipeline import recognise
     from recognition.preprocessing.target_cloud import Scene
+    from recognition.request import RecognitionRequest
 
     tier, seed = tier_and_seed
     case = make_case(tier, seed)
     scan = simulate(case)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     try:
-        model = recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene, "graph").model
+        model = recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), scene).model
         judged = judge_grasps(
             case.scene,
             model.chains,

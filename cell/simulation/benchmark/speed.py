@@ -16,6 +16,7 @@ from cell.simulation.benchmark.memory import current_rss_bytes, peak_rss_bytes
 from cell.simulation.benchmark.worker_pool import run_in_fresh_process
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
 """Name, seed and number of crossings of the timed scene. As in the paper, it has one string of 0.4 m, r = 4.2 mm."""
@@ -39,10 +40,15 @@ class Input:
 
     views: tuple[View, ...]
     """Depth images with their camera poses."""
-    parameters: ChainParameters
-    """Radii and thresholds."""
+    radius_m: float
+    """Radius of the strings, metres."""
     scene: Scene
     """Table height and workspace, base frame."""
+
+    @property
+    def request(self) -> RecognitionRequest:
+        """Request for `recognise`."""
+        return RecognitionRequest(radius_m=self.radius_m)
 
 
 @dataclass(frozen=True)
@@ -109,7 +115,7 @@ def simulated_input(
         camera = replace(camera, working_m=(distance_m, distance_m))
     scan = simulate(string_scene, camera, seed, views=views)
     table_scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    return Input(scan.views, ChainParameters.for_radius(string_scene.radius_m), table_scene)
+    return Input(scan.views, string_scene.radius_m, table_scene)
 
 
 def measure_speed(on_progress: Callable[[str], object]) -> Speed:
@@ -148,13 +154,13 @@ def time_recognition(inputs: Sequence[Input], thumbnail: Input, runs: int = RUNS
     """
     from recognition.pipeline import recognise
 
-    recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
+    recognise(thumbnail.views, thumbnail.request, thumbnail.scene)
     timings = []
     for given in inputs:
         seconds, stages, points = [], [], 0
         while not seconds or (len(seconds) < runs and sum(seconds) < MAX_TOTAL_S):
             start = time.perf_counter()
-            model = recognise(given.views, given.parameters, given.scene).model
+            model = recognise(given.views, given.request, given.scene).model
             seconds.append(time.perf_counter() - start)
             stages.append(model.timing_s)
             points = sum(view.points for view in model.quality.views)
@@ -186,10 +192,10 @@ def time_after_last_view(given: Input, thumbnail: Input, runs: int = RUNS, pause
             last_view_s = time.perf_counter()
             yield view
 
-    recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
+    recognise(thumbnail.views, thumbnail.request, thumbnail.scene)
     seconds = []
     for _ in range(runs):
-        recognise(delayed(given.views), given.parameters, given.scene)
+        recognise(delayed(given.views), given.request, given.scene)
         seconds.append(time.perf_counter() - last_view_s)
     return median(seconds)
 
@@ -207,11 +213,14 @@ def time_literal(given: Input, thumbnail: Input, runs: int = LITERAL_RUNS) -> fl
     """
     from cell.simulation.benchmark.reference import recognise_literally
 
-    recognise_literally(thumbnail.views, thumbnail.parameters, thumbnail.scene)
+    def recognise(one: Input) -> None:
+        recognise_literally(one.views, ChainParameters.for_radius(one.radius_m), one.scene)
+
+    recognise(thumbnail)
     seconds = []
     for _ in range(runs):
         start = time.perf_counter()
-        recognise_literally(given.views, given.parameters, given.scene)
+        recognise(given)
         seconds.append(time.perf_counter() - start)
     return min(seconds)
 
@@ -230,10 +239,10 @@ def peak_memory_bytes(given: Input, thumbnail: Input) -> int:
     """
     from recognition.pipeline import recognise
 
-    recognise(thumbnail.views, thumbnail.parameters, thumbnail.scene)
+    recognise(thumbnail.views, thumbnail.request, thumbnail.scene)
     # Copy the depth images, so that their pages are resident before the first reading.
     views = tuple(replace(view, depth=view.depth.copy()) for view in given.views)
     gc.collect()
     before = current_rss_bytes()
-    recognise(views, given.parameters, given.scene)
+    recognise(views, given.request, given.scene)
     return max(peak_rss_bytes() - before, 0)

@@ -29,11 +29,11 @@ from service.api.schemas.scans import (
     ScanList,
     ScanRequest,
     ScanResource,
+    requested_members,
 )
 from service.jobs.submission import Requester
 from service.logs.request_time import arrival_time
 from service.problems.problem_error import ProblemError
-from service.processing.results import check_radius
 from service.security.auth.caller import caller_of
 from service.states import ACTIVE_STATES
 from service.storage.removal import remove
@@ -81,13 +81,14 @@ def start_scan(
     requester = scan_caller.requester(body)
 
     def submit(requested_at: float) -> ScanRow:
+        gripper = service.config.cell.gripper.to_gripper()
         if isinstance(body, LiveScanRequest):
-            radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
+            request = body.recognition_request(gripper, service.config.cell.scan.string_radius_m)
             service.jobs.raise_if_stopped_since(requested_at)
-            return service.jobs.submit.live(body.views, body.method, radius, arrival_time(), requester, body.all_grasps)
+            return service.jobs.submit.live(body.views, request, arrival_time(), requester)
         recording = _usable_recording(body.recording, service)
-        radius = check_radius(body.string_radius_m, recording.string_radius_m)
-        return service.jobs.submit.replay(recording, body.method, radius, requester, all_grasps=body.all_grasps)
+        request = body.recognition_request(gripper, recording.string_radius_m)
+        return service.jobs.submit.replay(recording, request, requester)
 
     return _start(response, service, requester, submit)
 
@@ -124,12 +125,8 @@ def reprocess_scan(
         if recording is None:
             raise ProblemError("no-result", f"scan {source.id} has no recording", scan=source.id)
         require_recording_file(service, recording)
-        given = "string_radius_m" in body.model_fields_set
-        radius = check_radius(body.string_radius_m if given else source.string_radius_m, None)
-        all_grasps = source.all_grasps if body.all_grasps is None else body.all_grasps
-        return service.jobs.submit.replay(
-            recording, body.method or source.method, radius, requester, source.id, all_grasps
-        )
+        request = body.recognition_request(service.config.cell.gripper.to_gripper(), source.request)
+        return service.jobs.submit.replay(recording, request, requester, source.id)
 
     return _start(response, service, requester, submit)
 
@@ -195,10 +192,13 @@ def delete_scan(id: Id, service: Service) -> None:  # noqa: A002 (the path's own
 def _validate(body: ReplayScanRequest | LiveScanRequest, service: Context) -> ScanValidation:
     """Check a request as far as that is possible without a device. Raises what refuses the scan."""
     service.require_space()
-    recording, viewpoints = None, None
+    gripper = service.config.cell.gripper.to_gripper()
+    recording = None
+    viewpoints = None
     if isinstance(body, LiveScanRequest):
-        views, requested_at = body.views, arrival_time()
-        radius = check_radius(body.string_radius_m, service.config.cell.scan.string_radius_m)
+        views = body.views
+        requested_at = arrival_time()
+        request = body.recognition_request(gripper, service.config.cell.scan.string_radius_m)
         service.jobs.raise_if_busy()
 
         def validate() -> ViewpointPlan:
@@ -208,15 +208,13 @@ def _validate(body: ReplayScanRequest | LiveScanRequest, service: Context) -> Sc
         viewpoints = viewpoints_resource(plan)
     else:
         recording = _usable_recording(body.recording, service)
-        radius = check_radius(body.string_radius_m, recording.string_radius_m)
+        request = body.recognition_request(gripper, recording.string_radius_m)
         service.jobs.raise_if_busy()
     return ScanValidation(
         valid=True,
         mode=body.mode,
         recording=None if recording is None else recording.id,
-        method=body.method,
-        string_radius_m=radius,
-        all_grasps=body.all_grasps,
+        **requested_members(request),
         viewpoints=viewpoints,
     )
 

@@ -14,6 +14,7 @@ from service.api.schemas.scans import (
     ScanTiming,
     ViewDurations,
     ViewProgress,
+    requested_members,
 )
 from service.states import ACTIVE_STATES, RESULT_STATES
 from service.storage.data_folder import HEIGHT_MAP
@@ -31,9 +32,7 @@ def scan_resource(row: ScanRow, views: Sequence[ViewRow]) -> ScanResource:
         mode=row.mode,
         recording=row.recording,
         source=row.source,
-        method=row.method,
-        string_radius_m=row.string_radius_m,
-        all_grasps=row.all_grasps,
+        **requested_members(row.request),
         views=row.views,
         state=row.state,
         final=row.state not in ACTIVE_STATES,

@@ -3,6 +3,7 @@
 The document of the point chain model is defined in `recognition.model.document`.
 """
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -10,10 +11,12 @@ from pydantic import BeforeValidator, Field, StrictBool
 
 from cell.config.cell_config import ScanViews
 from cell.config.scan_views import VIEWS_NEEDED
+from recognition.grasping.gripper import Gripper
 from recognition.model.document import FindingDocument
 from recognition.model.model import Method
 from recognition.model.trust import Verdict
 from recognition.parameters import R_MAX, R_MIN
+from recognition.request import RecognitionRequest
 from service.api.schemas.base import ApiModel, RequestModel
 from service.api.schemas.problem import Problem
 from service.processing.height_map_file import StoredHeightMap
@@ -60,6 +63,19 @@ class _Request(RequestModel):
     validate_only: StrictBool = False
     """Whether the request is only checked. No scan is started, and the answer is 200 or the same refusal."""
 
+    def recognition_request(self, gripper: Gripper, default_radius_m: float | None) -> RecognitionRequest:
+        """Return how to recognise the scan.
+
+        Args:
+            gripper: Configured gripper.
+            default_radius_m: Radius of the recording or of the cell, metres; None if it has none.
+
+        Raises:
+            InvalidParametersError: The radius is not the radius of a string.
+        """
+        request = RecognitionRequest(self.method, self.string_radius_m, {}, gripper, self.all_grasps)
+        return request.or_radius(default_radius_m)
+
 
 class ReplayScanRequest(_Request):
     """A scan from a recording."""
@@ -85,6 +101,22 @@ class ReprocessRequest(RequestModel):
     method: Method | None = None
     all_grasps: StrictBool | None = None
     """Whether the model also has the grasps on parts of strings with a doubt."""
+
+    def recognition_request(self, gripper: Gripper, first: RecognitionRequest) -> RecognitionRequest:
+        """Return how to recognise the scan again.
+
+        Args:
+            gripper: Configured gripper.
+            first: Request of the scan.
+
+        Raises:
+            InvalidParametersError: The radius is not the radius of a string.
+        """
+        given = {name: getattr(self, name) for name in ("method", "all_grasps") if getattr(self, name) is not None}
+        request = replace(first, gripper=gripper, **given)
+        if "string_radius_m" in self.model_fields_set:
+            request = replace(request, radius_m=self.string_radius_m)
+        return request.or_radius(None)
 
 
 class KeepRequest(RequestModel):
@@ -294,6 +326,11 @@ class HeightMapDocument(ApiModel):
     """Minimum height above the table of an object that is not noise."""
     z_m: list[list[float | None]]
     """Height of the surface in each cell, as z_m[i][j]. Null where no view measured it."""
+
+
+def requested_members(request: RecognitionRequest) -> dict[str, Any]:
+    """Return the members of a scan, or of its validation, that say how it is recognised."""
+    return {"method": request.method, "string_radius_m": request.radius_m, "all_grasps": request.all_grasps}
 
 
 def height_map_document(stored: StoredHeightMap) -> HeightMapDocument:

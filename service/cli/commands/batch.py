@@ -7,10 +7,10 @@ from pathlib import Path
 
 from service.cli.options import (
     Commands,
-    add_all_grasps_option,
     add_config_option,
     add_json_option,
-    add_method_option,
+    add_recognition_options,
+    recognition_request,
     whole_number,
 )
 
@@ -36,11 +36,7 @@ def add_batch_commands(commands: Commands) -> None:
         metavar="FILE",
         help="recording (MCAP), or folder with recordings, including its subfolders",
     )
-    recognise.add_argument(
-        "--radius", type=float, metavar="M", help="radius of the strings (the one in the recording, else measured)"
-    )
-    add_method_option(recognise)
-    add_all_grasps_option(recognise)
+    add_recognition_options(recognise, "the one in the recording, else measured")
     recognise.add_argument(
         "--set",
         action="append",
@@ -118,11 +114,8 @@ def _recognise(options: argparse.Namespace) -> int:
         print(f"pointchain recognise: {error}", file=sys.stderr)
         return 1
     from service.batch.recognise import RunOptions, recognise
-    from service.batch.recognise_file import RecognitionRequest
 
-    request = RecognitionRequest(
-        options.method, options.radius, gripper, settings=settings, all_grasps=options.all_grasps
-    )
+    request = recognition_request(options, gripper, settings)
     return recognise(options.files, request, RunOptions(options.out, options.jobs, options.cluster, options.trace))
 
 

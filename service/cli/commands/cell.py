@@ -7,10 +7,10 @@ from pathlib import Path
 from cell.config.scan_views import Views, parse_views
 from service.cli.options import (
     Commands,
-    add_all_grasps_option,
     add_config_option,
     add_json_option,
-    add_method_option,
+    add_recognition_options,
+    recognition_request,
 )
 
 
@@ -24,11 +24,7 @@ def add_cell_commands(commands: Commands) -> None:
     )
     scan.add_argument("out", nargs="?", type=Path, metavar="OUT.mcap", help="new file for the recording (not kept)")
     add_config_option(scan, "the cell and the gripper")
-    scan.add_argument(
-        "--radius", type=float, metavar="M", help="radius of the strings (the configured one, else measured)"
-    )
-    add_method_option(scan)
-    add_all_grasps_option(scan)
+    add_recognition_options(scan, "the configured one, else measured")
     _add_views_option(scan)
     scan.set_defaults(run=_scan)
 
@@ -85,11 +81,8 @@ def _scan(options: argparse.Namespace) -> int:
 
     scan_options = ScanOptions(
         recording=options.out,
-        radius_m=options.radius,
-        method=options.method,
+        request=recognition_request(options, config.gripper.to_gripper()),
         views=options.views,
-        all_grasps=options.all_grasps,
-        gripper=config.gripper.to_gripper(),
         timeout_s=config.limits.recognition_s,
     )
     return run_scan(config.cell, scan_options)

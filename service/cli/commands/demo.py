@@ -71,9 +71,9 @@ def demo(folder: Path) -> int:
     world = simulated_world(settings)
     truth = world_truth(world, poses)
     truth_path(recording).write_text(json.dumps(truth))
-    write_results(recognition, results)
+    outcome = write_results(recognition, results)
     model = recognition.model
-    (results / MODEL).write_text(indented(model.to_json()) + "\n")
+    (results / MODEL).write_text(indented(outcome.model) + "\n")
     write_preview(recognition, results / PREVIEW)
     pictures = write_trace(recognition, trace, truth)
     assert status.camera is not None

@@ -18,18 +18,18 @@ from cell.control.background_scan import BackgroundScan
 from cell.control.cell import Cell
 from cell.recording import RecordingExistsError, RecordingWriter, read_recording
 from cell.recording.errors import RecordingEmptyError
-from recognition.grasping.gripper import Gripper
-from recognition.model.model import SCHEMA, Method
-from recognition.view_sufficiency import ViewCheck
+from recognition.early_end.view_sufficiency import ViewCheck
+from recognition.model.model import SCHEMA
+from recognition.request import RecognitionRequest
 from service.cli.progress import Report, TerminalProgress
 from service.cli.robot_task import EndedEarlyError, run_with_cell
 from service.config.sections import LimitsConfig
 from service.processing.recording_metadata import hash_file
-from service.processing.results import check_radius
+from service.processing.results import with_recording_hash
 from service.processing.worker import RecognitionWorker
 from service.processing.worker_main import Task
 from service.signals import INTERRUPTED_EXIT_CODE
-from service.storage.data_folder import MODEL, PREVIEW
+from service.storage.data_folder import PREVIEW
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,10 @@ class ScanOptions:
 
     recording: Path | None = None
     """New file for the recording. None: it is not kept."""
-    radius_m: float | None = None
-    """Radius of the strings. None: the configured one, or else it is measured."""
-    method: Method = "graph"
-    """Method of recognition."""
+    request: RecognitionRequest = field(default_factory=RecognitionRequest)
+    """How to recognise the views. Without a radius, the configured one is used, or else it is measured."""
     views: Views | None = None
     """Number of viewpoints or `auto`. None: the configured value."""
-    all_grasps: bool = False
-    """Whether the model also has the grasps on parts of strings with a doubt."""
-    gripper: Gripper = field(default_factory=Gripper)
-    """Gripper for which grasps are computed."""
     timeout_s: float = LimitsConfig().recognition_s
     """Timeout of the recognition after the last view."""
 
@@ -78,7 +72,8 @@ def take_scan(
         OSError: The file cannot be written.
         RecognitionError: The radius cannot be used.
     """
-    radius, recording = check_radius(options.radius_m, cell.settings.scan.string_radius_m), options.recording
+    request = options.request.or_radius(cell.settings.scan.string_radius_m)
+    recording = options.recording
     if recording is not None and recording.exists():
         raise RecordingExistsError(f"{recording} exists already; recordings are never overwritten")
     report("connecting, planning")
@@ -92,17 +87,14 @@ def take_scan(
             raise
     with TemporaryDirectory(prefix="pointchain-") as folder:
         progress = TerminalProgress(prepared, report, stop_requested)
-        header = replace(prepared.header, string_radius_m=radius)
+        header = replace(prepared.header, string_radius_m=request.radius_m)
         results = Path(folder) / "results"
         preview = Path(folder) / PREVIEW
         task = Task(
             header,
-            radius,
-            options.method,
-            options.gripper,
+            request,
             results,
             preview,
-            all_grasps=options.all_grasps,
             check_views=prepared.may_end_after is not None,
         )
         with (
@@ -110,12 +102,12 @@ def take_scan(
             cell.run(prepared, writer, progress) as views,
         ):
             on_check = partial(_decide, views, report)
-            worker.run(task, lambda _: None, options.timeout_s, views, views.missing, on_check, views.next_is_here)
-            model = json.loads((results / MODEL).read_bytes())
-            writer.write_result(model)
-    if recording is not None:
-        model["provenance"]["recording_sha256"] = hash_file(recording)
-    return model
+            outcome = worker.run(
+                task, lambda _: None, options.timeout_s, views, views.missing, on_check, views.next_is_here
+            )
+            writer.write_result(outcome.model)
+    sha256 = None if recording is None else hash_file(recording)
+    return with_recording_hash(outcome.model, sha256)
 
 
 def _decide(views: BackgroundScan, report: Report, check: ViewCheck) -> None:

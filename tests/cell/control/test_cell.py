@@ -33,9 +33,9 @@ from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.ur_controller.admin_client import AdminClient
 from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from tests.cell.arm.pendant import Pendant
 from tests.cell.loopback import free_host
 from tests.processes import children
@@ -130,7 +130,7 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
     with opened(settings) as cell:
         views = scan(cell, tmp_path / "scan.mcap", RecordingListener())
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
-    model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
+    model = recognise(views, RecognitionRequest(radius_m=RADIUS_M), scene).model
     judged = score(model.to_json(), world_truth(simulated_world(settings)))
     assert judged.topology
     # The reported poses have errors of 0.5 mm and the calibration 0.7 mm.
@@ -153,7 +153,7 @@ def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path
     ]
     assert 0.0004 < np.sqrt(np.mean(np.square(offsets_m))) < 0.0008  # the configured error, within a third
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
-    model = recognise(views, ChainParameters.for_radius(RADIUS_M), scene).model
+    model = recognise(views, RecognitionRequest(radius_m=RADIUS_M), scene).model
     assert score(model.to_json(), world_truth(simulated_world(settings))).topology
 
 
@@ -212,7 +212,7 @@ def test_a_simulated_camera_works_with_another_controller(tmp_path: Path) -> Non
             views, header = scan(cell, tmp_path / "scan.mcap", RecordingListener(), prepared), prepared.header
             world = simulated_world(cell.settings)
         model = recognise(
-            views, ChainParameters.for_radius(RADIUS_M), Scene(header.table_z_m, header.workspace_m), "graph"
+            views, RecognitionRequest(radius_m=RADIUS_M), Scene(header.table_z_m, header.workspace_m)
         ).model
     judged = score(model.to_json(), world_truth(world, [view.T_base_flange for view in views]))
     assert len(views) == 8

@@ -20,9 +20,9 @@ from cell.simulation.ur_controller.launcher import RunningController, start_cont
 from cell.simulation.ur_controller.robot.poses import pose_matrix, pose_vector
 from recognition.grasping.flange_poses import FlangePoses, flange_poses
 from recognition.grasping.gripper import Gripper
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from tests.cell.loopback import free_host
 from tests.cell.simulation.ur_controller import wheel
 from tests.cell.simulation.ur_controller.wheel import CONNECT
@@ -265,8 +265,9 @@ def test_the_controller_carries_out_the_grasps(controller: RunningController) ->
 def test_the_controller_carries_out_all_grasps_of_a_scene(controller: RunningController, tier: str, seed: int) -> None:
     """Recognise a scene, lay it into the default cell, and carry out each grasp that is reachable."""
     scan = simulate(make_case(tier, seed))
-    parameters = ChainParameters.for_radius(scan.header.string_radius_m or R_M)
-    grasps = recognise(scan.views, parameters, Scene(0.0, scan.header.workspace_m)).model.grasps
+    grasps = recognise(
+        scan.views, RecognitionRequest(radius_m=scan.header.string_radius_m or R_M), Scene(0.0, scan.header.workspace_m)
+    ).model.grasps
     (x0, x1), (y0, y1), _ = DEFAULT.workspace_m
     T = np.array([grasp.T_base_grasp for grasp in grasps])
     T[:, :2, 3] += ((x0 + x1) / 2, (y0 + y1) / 2)

@@ -11,9 +11,9 @@ from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.ground_truth import scene_truth, true_crossings
 from cell.simulation.scenes.scenes import StringScene, make_scene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 CAMERA = camera_model("oak-d-pro", (160, 100))
 
@@ -70,7 +70,7 @@ def test_the_workspace_contains_the_strings() -> None:
 
 def test_a_single_view_shows_its_workspace() -> None:
     scan = simulate(make_scene("loop", 1), camera_model("oak-d-pro", (320, 200)), seed=1, views=1)
-    model = recognise(scan.views, ChainParameters.for_radius(0.0042), Scene(0.0, scan.header.workspace_m)).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(0.0, scan.header.workspace_m)).model
     assert "table-not-covered" not in {found.code for found in model.quality.findings}
 
 

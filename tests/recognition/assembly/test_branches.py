@@ -14,10 +14,10 @@ from cell.simulation.scenes.scenes import StringScene
 from recognition.assembly.branches import MAX_GAP_RADII, mark_branches
 from recognition.assembly.chain_ends import END_PART_RADII, mark_touching_ends
 from recognition.model.chains import Chain, End
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 R = 0.0042
 FREE: tuple[End, End] = ("free", "free")
@@ -150,8 +150,9 @@ def test_ends_with_a_visible_gap_between_them_are_not_touching() -> None:
 def test_each_joint_of_a_harness_has_a_doubt(seed: int) -> None:
     case = make_case("branches", seed)
     scan = simulate(case)
-    parameters = ChainParameters.for_radius(case.scene.radius_m)
-    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    model = recognise(
+        scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
+    ).model
     assert score(model.to_json(), scan.truth).topology
     doubts = [found for found in model.quality.doubts if found.code == "possible-branch"]
     for curve in case.scene.curves[1:]:
@@ -166,7 +167,8 @@ def test_ends_near_other_strands_are_right_and_free(seed: int) -> None:
     # End to end, beyond a strand under it, beside a strand, and at the own side.
     case = make_case("ends", seed)
     scan = simulate(case)
-    parameters = ChainParameters.for_radius(case.scene.radius_m)
-    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    model = recognise(
+        scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
+    ).model
     assert score(model.to_json(), scan.truth).topology
     assert all("unobserved" not in one.ends for one in model.chains)

@@ -21,6 +21,7 @@ from recognition.model.chains import Chain, End
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from tests.recognition.captured_strings import captured
 
 pytestmark = pytest.mark.slow
@@ -201,7 +202,7 @@ def test_the_part_of_a_short_chain_at_its_end_is_the_whole_chain(table_1: ChainP
 def test_a_string_fragmented_by_a_radius_too_small_has_a_doubt(scene: str, seed: int) -> None:
     scan = simulate(make_scene(scene, seed), camera_model("oak-d-pro"), seed)
     known = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    model = recognise(scan.views, ChainParameters.for_radius(0.003), known).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.003), known).model
     # The radius is 29 % too small: a model without this doubt must be the true one.
     whole = len(model.chains) == 1 and len(model.crossings) == len(scan.truth["crossings"])
     assert whole or any(found.code == "ends-touching" for found in model.quality.doubts)

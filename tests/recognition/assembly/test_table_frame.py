@@ -9,15 +9,16 @@ from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import StringScene, make_scene
-from recognition.assembly.table_frame import add_table_error, move_heights, move_model, move_registration
+from recognition.assembly.table_frame import move_heights, move_model, move_registration
 from recognition.messages import format_position
 from recognition.model.findings import finding
 from recognition.model.quality import Quality
-from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.registration.measured_table import MeasuredTable
-from recognition.registration.table_error import estimate_table_error
+from recognition.registration.table_error import add_table_error, estimate_table_error
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
 
 pytestmark = pytest.mark.slow
 
@@ -26,8 +27,9 @@ T = from_rotation_vector((0.001, -0.002, 0.005), (0.01, -0.02, 0.005))
 
 
 def recognised(scan: SimulatedScan, radius_m: float | None = 0.0042) -> Recognition:
-    parameters = None if radius_m is None else ChainParameters.for_radius(radius_m)
-    return recognise(scan.views, parameters, Scene(0.0, scan.header.workspace_m), all_grasps=True)
+    return recognise(
+        scan.views, RecognitionRequest(radius_m=radius_m, all_grasps=True), Scene(0.0, scan.header.workspace_m)
+    )
 
 
 def on_table(scene: StringScene, T_base_table: np.ndarray) -> SimulatedScan:
@@ -138,7 +140,7 @@ def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: fl
     scene, camera = make_scene("loop", seed=1), camera_model("oak-d-pro")
     scan = simulate(scene, camera, 1, errors=NO_ERRORS)
     level, off = (
-        recognise(scan.views, ChainParameters.for_radius(0.0042), Scene(z, scan.header.workspace_m)).model
+        recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(z, scan.header.workspace_m)).model
         for z in (0.0, -height_m)
     )
     (found,) = [found for found in off.quality.findings if found.code == "table-uncertain"]
@@ -153,7 +155,7 @@ def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: fl
 def test_a_single_view_tells_a_table_that_is_elsewhere(height_m: float) -> None:
     scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
     model, true = (
-        recognise(scan.views, ChainParameters.for_radius(0.0042), Scene(z, scan.header.workspace_m)).model
+        recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(z, scan.header.workspace_m)).model
         for z in (height_m, 0.0)
     )
     assert {"single-view", "table-elsewhere"} <= {found.code for found in model.quality.findings}
@@ -167,7 +169,7 @@ def test_a_single_view_tells_a_camera_that_was_tilted() -> None:
     scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
     T_error = from_rotation_vector((0, 0, 0), (0.03, 0, 0))
     views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
-    model = recognise(views, ChainParameters.for_radius(0.0042), Scene(0.0, scan.header.workspace_m)).model
+    model = recognise(views, RecognitionRequest(radius_m=0.0042), Scene(0.0, scan.header.workspace_m)).model
     (found,) = [found for found in model.quality.findings if found.code == "table-elsewhere"]
     # the alignment of the view to the table plane has a tilt error of 0.09 degrees (`PoseSigmas.table_rad`)
     assert float(found.message.split("tilted by ")[1].split()[0]) == pytest.approx(1.72, abs=0.1)

@@ -12,8 +12,9 @@ from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import DuplicateViewError, TableElsewhereError, TooCrowdedError
-from recognition.ingestion import view_ingestion
-from recognition.ingestion.view_ingestion import correct_views, ingest_views
+from recognition.ingestion import table_and_warp, view_ingestion
+from recognition.ingestion.table_and_warp import TableAndWarp
+from recognition.ingestion.view_ingestion import ingest_views
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import Scene
@@ -123,27 +124,28 @@ def warped(amplitude_per_m: float) -> list[View]:
 def test_views_are_preprocessed_again_without_the_warp_of_the_camera(scene: Scene, table_1: ChainParameters) -> None:
     views = warped(0.02)
     ingested = ingest_views(iter(views), table_1, scene)
-    assert ingested.warp is not None
-    assert ingested.views == views
+    assert ingested.measured.warp is not None
+    assert ingested.measured.views == views
     assert [target.view for target in ingested.targets] == [0, 1, 2, 3, 4]
     assert all(target.image is not view for target, view in zip(ingested.targets, views, strict=True))
     straight = ingest_views(warped(0.0), table_1, scene)
-    assert straight.warp is None
+    assert straight.measured.warp is None
     # Parts of the table at the sides are above the threshold, or their views are tilted, unless the warp is corrected.
     sizes, expected = (np.array([len(target.points) for target in x.targets]) for x in (ingested, straight))
     np.testing.assert_allclose(sizes, expected, rtol=0.1)
-    again = ingest_views(correct_views(views, scene), table_1, scene)
-    assert again.warp is None
+    corrected = [ingested.measured.corrected(number) for number in range(5)]
+    assert TableAndWarp.measure(corrected, scene).warp is None
 
 
 def test_an_earlier_ingestion_keeps_its_warp(scene: Scene, table_1: ChainParameters) -> None:
     views = warped(0.02)
     earlier = ingest_views(views[:4], table_1, scene)
-    assert earlier.warp is not None
-    continued, whole = ingest_views(views, table_1, scene, earlier), ingest_views(views, table_1, scene)
-    assert continued.warp is not None
-    assert whole.warp is not None
-    np.testing.assert_array_equal(continued.warp.coefficients, whole.warp.coefficients)
+    assert earlier.measured.warp is not None
+    continued = ingest_views(views, table_1, scene, earlier)
+    whole = ingest_views(views, table_1, scene)
+    assert continued.measured.warp is not None
+    assert whole.measured.warp is not None
+    np.testing.assert_array_equal(continued.measured.warp.coefficients, whole.measured.warp.coefficients)
     for a, b in zip(continued.targets, whole.targets, strict=True):
         np.testing.assert_array_equal(a.points, b.points)
 
@@ -182,9 +184,10 @@ def test_views_of_nothing_near_the_given_table_are_refused(
 def test_a_table_where_it_is_given_changes_nothing(scan: SimulatedScan, scene: Scene, table_1: ChainParameters) -> None:
     ingested = ingest_views(scan.views, table_1, scene)
     assert ingested.moved_table is None
-    np.testing.assert_array_equal(ingested.T_base_table, np.eye(4))
-    assert len(ingested.planes) == 3
-    assert correct_views(scan.views, scene) is scan.views
+    np.testing.assert_array_equal(ingested.measured.T_base_table, np.eye(4))
+    assert len(ingested.measured.planes) == 3
+    for number, view in enumerate(scan.views):
+        assert ingested.measured.corrected(number) is view
 
 
 def test_views_of_a_lower_table_may_arrive_later(scene: Scene, table_1: ChainParameters) -> None:
@@ -197,16 +200,36 @@ def test_views_of_a_lower_table_may_arrive_later(scene: Scene, table_1: ChainPar
     np.testing.assert_array_equal(continued.moved_table.offset, at_once.moved_table.offset)
     assert [cloud.view for cloud in continued.clouds] == [0, 1, 2, 3]
     np.testing.assert_array_equal(continued.clouds[3].points, at_once.clouds[3].points)
-    assert continued.views == [*views]
+    assert continued.measured.views == [*views]
 
 
 def test_a_table_beyond_the_limits_is_refused(scene: Scene, table_1: ChainParameters) -> None:
     with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm lower than given and tilted by 0\."):
         ingest_views(on_table(-0.03).views, table_1, scene)
     with pytest.raises(TableElsewhereError, match=r"the table (29|30)\.[0-9] mm higher"):
-        correct_views(on_table(0.03).views, scene)
+        TableAndWarp.measure(on_table(0.03).views, scene)
 
 
 def test_views_are_given_relative_to_the_measured_table(scene: Scene) -> None:
-    moved = correct_views(on_table(0.0, 1.0).views, scene)
-    assert correct_views(moved, scene) is moved
+    tilted = TableAndWarp.measure(on_table(0.0, 1.0).views, scene)
+    moved = [tilted.corrected(number) for number in range(4)]
+    again = TableAndWarp.measure(moved, scene)
+    assert [again.corrected(number) for number in range(4)] == moved
+
+
+def test_table_and_warp_are_measured_once_for_all_radii(
+    scene: Scene, table_1: ChainParameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recognition with another radius preprocesses the views again, with the same table and warp."""
+    views = warped(0.02)
+    first = ingest_views(views, table_1, scene)
+    monkeypatch.setattr(table_and_warp, "measure_table", None)  # a call would fail
+    monkeypatch.setattr(table_and_warp, "sample_table", None)
+    thinner = ChainParameters.for_radius(0.003)
+    for earlier in (first, first.measured):
+        again = ingest_views(views, thinner, scene, earlier)
+        assert again.parameters == thinner
+        assert again.measured.warp is first.measured.warp
+        assert [target.threshold_m for target in again.targets] == [thinner.z_t] * 5
+    continued = ingest_views(views, table_1, scene, first)
+    assert list(continued.targets) == list(first.targets)

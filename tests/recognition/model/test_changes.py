@@ -14,9 +14,9 @@ from recognition.geometry.polyline import points_at
 from recognition.model.chains import Chain, End
 from recognition.model.changes import compare_chains
 from recognition.model.model import PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 
 R = 0.0042
 
@@ -160,8 +160,9 @@ def test_an_open_string_is_not_a_ring() -> None:
 def model(name: str, seed: int, more: tuple[tuple[str, int], ...] = ()) -> PointChainModel:
     scene = make_scene(name, 3, **dict(more))
     scan = simulate(scene, camera_model("oak-d-pro"), seed)
-    parameters = ChainParameters.for_radius(scene.radius_m)
-    return recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    return recognise(
+        scan.views, RecognitionRequest(radius_m=scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
+    ).model
 
 
 @pytest.mark.parametrize(

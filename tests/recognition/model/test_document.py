@@ -14,9 +14,9 @@ from recognition.errors import ModelError
 from recognition.model.document import LATER_GRASP_MEMBERS, ModelDocument
 from recognition.model.findings import finding
 from recognition.model.model import PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.slow
 def model() -> PointChainModel:
     scan = simulate(make_scene("loop", 2901), camera_model("oak-d-sr"), 2901)
     scene = Scene(scan.header.table_z_m or 0.0, scan.header.workspace_m)
-    return recognise(scan.views, ChainParameters.for_radius(0.0042), scene).model
+    return recognise(scan.views, RecognitionRequest(radius_m=0.0042), scene).model
 
 
 @pytest.fixture

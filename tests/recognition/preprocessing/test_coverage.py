@@ -27,6 +27,7 @@ from recognition.preprocessing.coverage import (
     table_coverage,
 )
 from recognition.preprocessing.target_cloud import Scene, preprocess
+from recognition.request import RecognitionRequest
 
 BOX = ((-0.12, 0.12), (-0.12, 0.12), (0.0, 0.12))
 K = np.array([[400.0, 0.0, 319.5], [0.0, 400.0, 199.5], [0.0, 0.0, 1.0]])
@@ -158,8 +159,9 @@ def scan() -> SimulatedScan:
 
 def uncovered(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: slice = slice(4)) -> list[Finding]:
     box = None if workspace_m is None else (workspace_m, workspace_m, (0.0, 0.12))
-    parameters = ChainParameters.for_radius(scan.header.string_radius_m or 0.0042)
-    model = recognise(scan.views[views], parameters, Scene(0.0, box)).model
+    model = recognise(
+        scan.views[views], RecognitionRequest(radius_m=scan.header.string_radius_m or 0.0042), Scene(0.0, box)
+    ).model
     assert len(model.chains) == 1
     return [found for found in model.quality.findings if found.code == "table-not-covered"]
 
@@ -181,7 +183,7 @@ def test_a_scan_of_one_view_covers_what_this_view_shows(scan: SimulatedScan) -> 
     (doubt,) = uncovered(scan, (-0.6, 0.6), views=slice(1, 2))
     assert " is in no view, " in doubt.message
     blind = [replace(view, depth=np.zeros_like(view.depth)) for view in scan.views[2:3]]
-    model = recognise([scan.views[1], *blind], ChainParameters.for_radius(0.0042), Scene(0.0, BOX)).model
+    model = recognise([scan.views[1], *blind], RecognitionRequest(radius_m=0.0042), Scene(0.0, BOX)).model
     (doubt,) = (found for found in model.quality.doubts if found.code == "table-not-covered")
     assert "100 % of the table" in doubt.message, "a second view was to check the first one"
 

@@ -10,11 +10,11 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import make_scene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.height_map import CELL_M, HeightMap
 from recognition.preprocessing.support_surface import MAX_DISTANCE_M, SupportSurface
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from tests.recognition.straight_strings import PARAMETERS, TABLE_Z, R, straight
 
 
@@ -73,7 +73,7 @@ def test_a_string_on_a_plate_is_recognised_as_on_the_table(height: float) -> Non
     raised = [curve + (0.0, 0.0, height) for curve in flat.curves]
     boxes = (Box((0.0, 0.0), (0.34, 0.30, height), 0.0),) if height else ()
     scan = simulate(replace(flat, curves=tuple(raised), boxes=boxes), camera_model("oak-d-pro"), 5)
-    model = recognise(scan.views, ChainParameters.for_radius(flat.radius_m), Scene(0.0, scan.header.workspace_m)).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=flat.radius_m), Scene(0.0, scan.header.workspace_m)).model
     result = score(model.to_json(), scan.truth)
     assert model.quality.verdict == "accept"
     assert result.topology

@@ -14,9 +14,9 @@ from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.model.chains import Chain
 from recognition.model.model import PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,7 @@ def model_of(
     curves: Sequence[NDArray[np.float64]], radii_m: Sequence[float], boxes: tuple[Box, ...] = ()
 ) -> PointChainModel:
     scan = scan_of(StringScene("strings", R, tuple(curves), boxes, radii_m=tuple(radii_m)))
-    return recognise(scan.views, ChainParameters.for_radius(R), Scene(0.0, scan.header.workspace_m)).model
+    return recognise(scan.views, RecognitionRequest(radius_m=R), Scene(0.0, scan.header.workspace_m)).model
 
 
 def codes(model: PointChainModel) -> set[str]:
@@ -72,8 +72,9 @@ def test_a_thicker_string_is_recognised_with_its_radius(share: float) -> None:
 def test_strings_of_several_radii_and_their_crossings_are_recognised(seed: int) -> None:
     scan = scan_of(make_case("mixed", seed).scene)
     assert max(scan.truth["radii"]) == pytest.approx(2 * scan.truth["radius"])
-    parameters = ChainParameters.for_radius(scan.truth["radius"])
-    model = recognise(scan.views, parameters, Scene(0.0, scan.header.workspace_m)).model
+    model = recognise(
+        scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), Scene(0.0, scan.header.workspace_m)
+    ).model
     result = score(model.to_json(), scan.truth)
     assert result.topology
     assert result.confident_mistakes == 0

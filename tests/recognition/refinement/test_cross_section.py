@@ -10,11 +10,11 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.refinement.cross_section import MIN_SECTIONS, SECTION_LINKS, CrossSections, measure_cross_sections
 from recognition.refinement.tube_fit import TubeFit
+from recognition.request import RecognitionRequest
 
 R = 0.0042
 STEP = 0.003
@@ -91,7 +91,7 @@ def test_a_square_bar_seen_from_afar_is_no_string() -> None:
     camera = replace(camera_model("oak-d-pro"), working_m=(0.6, 0.62))
     scene = StringScene("bar", R, (), (Box((0.0, 0.0), (0.28, 0.0066, 0.0075), 0.6),))
     scan = simulate(scene, camera, 3)
-    model = recognise(scan.views, ChainParameters.for_radius(R), Scene(0.0, scan.header.workspace_m)).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=R), Scene(0.0, scan.header.workspace_m)).model
     assert model.chains == ()
     # From this distance, the squareness is too uncertain to exclude a string.
     assert any(found.code in ("piece-not-round", "possible-string") for found in model.quality.findings)

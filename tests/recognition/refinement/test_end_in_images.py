@@ -11,11 +11,11 @@ from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
 from cell.simulation.scenes.scenes import StringScene, make_scene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.end_in_images import localise_end_in_images, other_strand_tree
+from recognition.request import RecognitionRequest
 from tests.recognition.captured_strings import Image
 
 R = 0.0042
@@ -99,8 +99,9 @@ def test_an_end_that_lies_on_another_strand_stays() -> None:
 def test_an_end_on_another_strand_makes_no_crossing() -> None:
     # The end would be extended beyond the middle of the other strand if the free space there were not checked.
     scan = simulate(make_scene("end-on-strand", 15), camera_model("oak-d-pro"), 15)
-    parameters = ChainParameters.for_radius(scan.truth["radius"])
-    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m)).model
+    model = recognise(
+        scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), Scene(workspace_m=scan.header.workspace_m)
+    ).model
     assert len(model.chains) == 2
     assert model.crossings == ()
     assert score(model.to_json(), scan.truth).topology

@@ -10,6 +10,7 @@ from cell.simulation.evaluation.metrics import score
 from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from recognition.tracing.fragments import Fragment
 from recognition.tracing.merged_strands import split_merged_strands
 
@@ -43,7 +44,7 @@ def test_soft_strands_that_cross_twice_nearby_are_separated(seed: int) -> None:
     # Without the cut these two are a strand that turns into the other, and the rest of both.
     scan = simulate(make_case("soft", seed))
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    model = recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), scene).model
     assert score(model.to_json(), scan.truth).topology
 
 

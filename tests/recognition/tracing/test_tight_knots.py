@@ -4,9 +4,9 @@ import pytest
 
 from cell.simulation.cases import make_case, simulate
 from cell.simulation.evaluation.metrics import score
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 
 pytestmark = pytest.mark.slow
 
@@ -16,7 +16,7 @@ def test_a_tight_knot_has_its_strings_and_crossings(seed: int, strings: int, cro
     case = make_case("tight", seed)
     scan = simulate(case)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    model = recognise(scan.views, ChainParameters.for_radius(case.scene.radius_m), scene).model.to_json()
+    model = recognise(scan.views, RecognitionRequest(radius_m=case.scene.radius_m), scene).model.to_json()
     found = score(model, scan.truth)
     assert (found.chains, found.crossings) == (strings, crossings)
     assert found.topology

@@ -12,9 +12,9 @@ import pytest
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from service.batch.errors import BatchError
 from service.batch.model_diff import compare_models
 from service.cli.main import main
@@ -29,7 +29,7 @@ def knot() -> Document:
     """Return the model of an overhand knot: one chain, three crossings."""
     scan = simulate(make_scene("overhand-knot", 3), camera_model("ideal", (640, 400)), 3)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    model = recognise(scan.views, ChainParameters.for_radius(0.0042), scene, "graph").model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.0042), scene).model
     return json.loads(json.dumps(model.to_json()))
 
 

@@ -21,9 +21,9 @@ from cell.simulation.devices.world import simulated_world
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 from service.app import openapi_document
 from service.cli.commands.demo import describe_best_grasp, indented
 from service.cli.main import main
@@ -379,7 +379,7 @@ def test_demo_says_why_no_grasp_is_reached(recording_file: Path) -> None:
     settings = CellSettings(gripper=GripperSettings(length_m=0.1))
     recording, gripper = read_recording(recording_file), settings.gripper.to_gripper()
     scene = Scene(workspace_m=recording.header.workspace_m)
-    grasps = recognise(recording.views, ChainParameters.for_radius(0.0042), scene, gripper=gripper).model.grasps
+    grasps = recognise(recording.views, RecognitionRequest(radius_m=0.0042, gripper=gripper), scene).model.grasps
     # the string of this recording lies around the origin, where the base of the arm would be
     T_workspace = from_rotation_vector((0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
     moved = [replace(grasp, T_base_grasp=T_workspace @ grasp.T_base_grasp) for grasp in grasps]

@@ -20,9 +20,9 @@ from pointchain_client import Cell, Model, ModelError, Recording, Scan
 from pointchain_client.documents.decoding import DecodeError, decode, member_names
 from pointchain_client.documents.scans import ScanList
 from recognition.model import PointChainModel, Provenance
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing import Scene
+from recognition.request import RecognitionRequest
 from tests.service.conftest import ServedClient
 from tests.service.schema_1 import as_schema_1
 
@@ -133,8 +133,11 @@ def recognised() -> PointChainModel:
     """A model of a simulated scene with crossings, doubts and all grasps."""
     scene = make_scene("overhand-knot", 3)
     scan = simulate(scene, camera_model("oak-d-pro"), 3)
-    parameters = ChainParameters.for_radius(1.4 * scene.radius_m)
-    model = recognise(scan.views, parameters, Scene(workspace_m=scan.header.workspace_m), all_grasps=True).model
+    model = recognise(
+        scan.views,
+        RecognitionRequest(radius_m=1.4 * scene.radius_m, all_grasps=True),
+        Scene(workspace_m=scan.header.workspace_m),
+    ).model
     assert model.quality.doubts
     assert model.grasps
     return model

@@ -12,7 +12,7 @@ from pathlib import Path
 from calibration.atomic_write import write_synced
 from cell.control.progress import MissingView
 from cell.devices import View
-from recognition.pipeline import Recognition
+from recognition.result import Recognition
 from service.processing.recording_metadata import describe_recording
 from service.processing.results import STAGE_START_FRACTION, Outcome, recognise_recording, write_results
 from service.processing.worker import OnCheck, TaskFailedError

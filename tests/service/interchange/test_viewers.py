@@ -13,6 +13,7 @@ from cell.recording.result_file import write_result_file
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from recognition.request import RecognitionRequest
 from service.processing.results import recognise_views
 
 RERUN = shutil.which("rerun")
@@ -45,7 +46,9 @@ def columns_of(path: Path) -> str:
 
 def test_rerun_opens_recordings_and_results(tmp_path: Path) -> None:
     scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=3)
-    model = recognise_views(scan.views, scan.header, (), scan.header.string_radius_m).model.to_json()
+    model = recognise_views(
+        scan.views, scan.header, (), RecognitionRequest(radius_m=scan.header.string_radius_m)
+    ).model.to_json()
     with RecordingWriter(tmp_path / "scan.mcap", scan.header) as writer:
         for view in scan.views:
             writer.write_view(view)

@@ -14,9 +14,9 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import PointChainModel
 from recognition.model.provenance import Provenance
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
-from service.batch.recognise_file import RecognitionRequest, recognise_file
+from recognition.request import RecognitionRequest
+from service.batch.recognise_file import recognise_file
 from service.processing.results import Source, recognise_recording
 
 
@@ -70,6 +70,6 @@ def test_the_command_line_names_the_recording(scan: SimulatedScan, tmp_path: Pat
 
 
 def test_the_library_gives_no_provenance(scan: SimulatedScan) -> None:
-    model = recognise(scan.views, ChainParameters.for_radius(0.0042)).model
+    model = recognise(scan.views, RecognitionRequest(radius_m=0.0042)).model
     assert model.provenance is None
     assert "provenance" not in model.to_json()

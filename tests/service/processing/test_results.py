@@ -1,5 +1,6 @@
 """Recognition of a recording and the files of its result, without HTTP."""
 
+import hashlib
 import io
 import json
 from pathlib import Path
@@ -8,49 +9,40 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from recognition.errors import InvalidParametersError
 from recognition.grasping.gripper import Gripper
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.model import PointChainModel
 from recognition.parameters import ChainParameters
-from recognition.pipeline import STAGES, stages_of
+from recognition.request import RecognitionRequest
+from recognition.stage_timer import STAGES, stages_of
 from service.processing.preview import draw_preview
 from service.processing.results import (
     READING,
     STAGE_START_FRACTION,
     WRITING,
-    check_radius,
     merged_cloud,
     recognise_recording,
     to_ply,
+    write_model,
     write_results,
 )
-
-
-def test_a_requested_radius_takes_precedence_over_the_recorded_one() -> None:
-    assert check_radius(0.003, 0.0042) == 0.003
-    assert check_radius(None, 0.0042) == 0.0042
-
-
-def test_an_unknown_radius_is_left_to_be_measured() -> None:
-    assert check_radius(None, None) is None
-
-
-@pytest.mark.parametrize(("requested", "recorded"), [(-1.0, 0.0042), (4.2, None), (None, 0.1), (0.0, None)])
-def test_an_impossible_radius_is_refused(requested: float | None, recorded: float | None) -> None:
-    with pytest.raises(InvalidParametersError):
-        check_radius(requested, recorded)
 
 
 def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_path: Path) -> None:
     stages: list[str] = []
     recognition = recognise_recording(recording_file, on_stage=stages.append)
     assert stages == [READING, *stages_of("graph")]
-    outcome = write_results(recognition, tmp_path / "out")
+    outcome = write_model(write_results(recognition, tmp_path / "out"), tmp_path / "out", "ab" * 32)
     assert (outcome.chains, outcome.crossings, outcome.partial) == (1, 0, False)
 
     written = json.loads((tmp_path / "out" / "model.json").read_text())
-    assert written == json.loads(json.dumps(recognition.model.to_json()))
+    expected = recognition.model.to_json()
+    expected["provenance"]["recording_sha256"] = "ab" * 32
+    assert written == json.loads(json.dumps(expected))
+    for name, file in outcome.files.items():
+        content = (tmp_path / "out" / name).read_bytes()
+        assert file == {"sha256": hashlib.sha256(content).hexdigest(), "size_bytes": len(content)}
+    assert set(outcome.files) == {path.name for path in (tmp_path / "out").iterdir()}
     # the string is free: there is a grasp every 5 mm, except within the fingers' width of the ends
     assert len(written["grasps"]) > 70
     # the scene is one string of 0.4 m with r = 4.2 mm on the table
@@ -67,7 +59,7 @@ def test_a_recording_becomes_the_files_of_a_result(recording_file: Path, tmp_pat
 
 
 def test_a_gripper_too_small_for_the_string_gives_a_note(recording_file: Path) -> None:
-    model = recognise_recording(recording_file, gripper=Gripper(stroke_m=0.008)).model
+    model = recognise_recording(recording_file, RecognitionRequest(gripper=Gripper(stroke_m=0.008))).model
     assert model.grasps == ()
     (note,) = [found for found in model.quality.findings if found.code == "no-grasp"]
     assert (note.severity, note.chains) == ("note", (0,))

@@ -12,9 +12,10 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import METHODS, Method
-from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
 from service.processing.stage_figures import STAGE_PICTURES, stage_figures, write_trace
 
 COMMON = ("target_cloud", "registered_cloud", "centre_line")
@@ -34,7 +35,7 @@ def scan(request: pytest.FixtureRequest) -> Any:
 
 def recognise_scan(scan: Any, method: Method) -> Recognition:
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    return recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene, method)
+    return recognise(scan.views, RecognitionRequest(method=method, radius_m=scan.truth["radius"]), scene)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -108,6 +109,6 @@ def test_pictures_are_numbered_and_replace_those_of_another_method(scan: Any, tm
 def test_a_scan_without_a_string_has_the_pictures_that_were_reached(tmp_path: Path) -> None:
     scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
     beside = Scene(scan.header.table_z_m, ((-0.2, -0.12), (-0.2, -0.12), (0.0, 0.1)))
-    recognition = recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), beside)
+    recognition = recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), beside)
     assert recognition.model.chains == ()
     assert [path.name for path in write_trace(recognition, tmp_path)] == ["01_target_cloud.png", "02_model.png"]

@@ -22,7 +22,7 @@ from cell.devices import View
 from cell.errors import RobotLostError
 from cell.recording import read_recording
 from cell.recording.header import RecordingHeader
-from recognition.grasping.gripper import Gripper
+from recognition.request import RecognitionRequest
 from service.processing.preview import draw_preview
 from service.processing.results import recognise_recording
 from service.processing.worker import RecognitionWorker, TaskFailedError
@@ -40,7 +40,7 @@ def worker() -> Iterator[RecognitionWorker]:
 
 
 def make_task(source: Path | RecordingHeader, folder: Path, name: str) -> Task:
-    return Task(source, 0.0042, "graph", Gripper(), folder / name, folder / f"{name}.png")
+    return Task(source, RecognitionRequest(radius_m=0.0042), folder / name, folder / f"{name}.png")
 
 
 @contextmanager
@@ -71,7 +71,7 @@ def test_a_failed_task_leaves_no_answer_to_the_next(
         worker.run(make_task(recording_file, tmp_path, "first"), raise_locked, PATIENCE_S)
     worker.start()
     worker.run(make_task(recording_file, tmp_path, "second"), lambda _: None, PATIENCE_S)
-    assert (tmp_path / "second" / "model.json").exists(), "this was the answer to the first task"
+    assert (tmp_path / "second" / "cloud.ply").exists(), "this was the answer to the first task"
 
 
 def test_the_process_survives_a_cancelled_scan(worker: RecognitionWorker, recording_file: Path, tmp_path: Path) -> None:
@@ -90,7 +90,7 @@ def test_the_process_survives_a_cancelled_scan(worker: RecognitionWorker, record
     assert worker.alive
     assert worker._process is process
     worker.run(make_task(recording_file, tmp_path, "next"), lambda _: None, PATIENCE_S)
-    assert (tmp_path / "next" / "model.json").exists()
+    assert (tmp_path / "next" / "cloud.ply").exists()
     assert not (tmp_path / "cancelled 0").exists()
 
 
@@ -226,5 +226,5 @@ def test_the_process_is_ready_before_it_imports_matplotlib_and_works_without_it(
     task = make_task(recording_file, tmp_path, "scan")
     worker.run(task, lambda _: None, PATIENCE_S)
     assert worker.wait_for_preview()
-    assert (task.results / "model.json").exists()
+    assert (task.results / "cloud.ply").exists()
     assert not task.preview.exists()

@@ -13,7 +13,6 @@ from cell.simulation.benchmark import scaling, speed, tables
 from cell.simulation.benchmark.scaling import Growth, Row, is_linear, make_rows
 from cell.simulation.benchmark.speed import Input, Speed, Timing, simulated_input
 from recognition.errors import NoDepthError
-from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
 
 VIEW_S, REST_S = 1.0, 5.0
@@ -145,4 +144,4 @@ def test_the_time_of_the_literal_baseline_is_that_of_its_fastest_run(
     monkeypatch.setattr(
         "cell.simulation.benchmark.reference.recognise_literally", lambda *_: clock.sleep(next(durations_s, nan))
     )
-    assert speed.time_literal(Input(given.views, ChainParameters.for_radius(0.0042), Scene()), given, runs=2) == 2.0
+    assert speed.time_literal(Input(given.views, 0.0042, Scene()), given, runs=2) == 2.0

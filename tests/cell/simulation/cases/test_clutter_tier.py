@@ -8,9 +8,9 @@ from cell.simulation.cases import Case, make_case, simulate
 from cell.simulation.cases.clutter_tier import FREE_M, PEN_RADII
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.rendering.meshes import cloth_mesh, rod_mesh
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +69,7 @@ def test_the_string_alone_is_recognised(seed: int) -> None:
     case = make_case("clutter", seed)
     scan = simulate(case)
     model = recognise(
-        scan.views, ChainParameters.for_radius(case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
+        scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
     ).model
     result = score(model.to_json(), scan.truth)
     assert result.topology

@@ -12,16 +12,16 @@ from cell.simulation.scenes.scenes import StringScene
 from recognition.errors import RecognitionError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 
 def recognised(tier: str, seed: int) -> tuple[StringScene, PointChainModel]:
     case = make_case(tier, seed)
     scan = simulate(case)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
-    return case.scene, recognise(scan.views, ChainParameters.for_radius(scan.truth["radius"]), scene, "graph").model
+    return case.scene, recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), scene).model
 
 
 def test_grasps_are_planned_on_their_true_string() -> None:

@@ -134,6 +134,6 @@ def test_the_summary_has_the_verdict_and_the_doubts(client: httpx2.Client, recor
 def test_the_summary_has_a_limited_number_of_doubts() -> None:
     count = MAX_SUMMARY_DOUBTS + 5
     doubts = tuple(finding("possible-string", f"piece {k}", value=0.1) for k in range(count))
-    summary = Outcome(1, 0, "review", (*doubts, finding("view-missing", "view 2", view=2)), False).summary()
+    summary = Outcome({}, 1, 0, "review", (*doubts, finding("view-missing", "view 2", view=2)), False).summary()
     assert [found["message"] for found in summary["doubts"]] == [f"piece {k}" for k in range(MAX_SUMMARY_DOUBTS)]
     assert (summary["doubt_count"], summary["note_count"]) == (count, 1)

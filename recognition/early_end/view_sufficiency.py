@@ -4,7 +4,7 @@ Views of one ring show the topology as well as those of two rings. Further views
 views never suffice, because a model of two views may be wrong without a finding.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -35,6 +35,16 @@ class ViewCheck:
     def suffices(self) -> bool:
         """Whether no further view is needed."""
         return self.views >= MIN_SUFFICIENT_VIEWS and not self.doubts
+
+
+@dataclass(frozen=True)
+class ViewChecks:
+    """Checks of the views so far, for a caller that decides whether further views are needed."""
+
+    on_check: Callable[[ViewCheck], None]
+    """Receives what is doubtful, whenever the views so far have been recognised."""
+    next_is_here: Callable[[], bool] = lambda: False
+    """Whether the view after the latest one is already here. The views before it are not checked then."""
 
 
 def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple[str, ...]:

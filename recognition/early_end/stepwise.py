@@ -1,13 +1,17 @@
 """Recognition after each view, to find out when the views of a scan suffice."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
+from recognition.early_end.view_sufficiency import (
+    FIRST_CHECK,
+    MIN_SUFFICIENT_VIEWS,
+    ViewCheck,
+    find_doubts,
+    more_views_finding,
+)
 from recognition.errors import RecognitionError
-from recognition.model.findings import Finding, most_serious_first
-from recognition.pipeline import Recognition
 from recognition.preprocessing.target_cloud import DepthView
-from recognition.view_sufficiency import FIRST_CHECK, MIN_SUFFICIENT_VIEWS, ViewCheck, find_doubts, more_views_finding
+from recognition.result import Recognition
 
 RecogniseSome = Callable[[Sequence[DepthView], Recognition | None], Recognition]
 """Recognises some views, with the recognition of the first of them, if there is one, as `earlier` of `recognise`."""
@@ -52,10 +56,4 @@ def recognise_after_each_view(
     if latest is None or checks[-1].views < len(taken):
         latest = recognise_some(taken, latest or before)
     needed = more_views_finding([check for check in checks if MIN_SUFFICIENT_VIEWS <= check.views < len(taken)])
-    return latest if needed is None else _with_finding(latest, needed)
-
-
-def _with_finding(recognition: Recognition, added: Finding) -> Recognition:
-    model = recognition.model
-    quality = replace(model.quality, findings=most_serious_first((*model.quality.findings, added)))
-    return replace(recognition, model=replace(model, quality=quality))
+    return latest if needed is None else latest.with_findings([needed])

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from recognition.early_end.view_sufficiency import MIN_SUFFICIENT_VIEWS, ViewCheck, find_doubts, more_views_finding
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import Finding, finding
 from recognition.model.model import PointChainModel
 from recognition.model.quality import Quality, ViewQuality
 from recognition.parameters import ChainParameters
-from recognition.view_sufficiency import MIN_SUFFICIENT_VIEWS, ViewCheck, find_doubts, more_views_finding
 
 R = 0.0042
 STRING = Chain(

@@ -11,10 +11,12 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.errors import RadiusUnknownError
-from recognition.parameters import ChainParameters
+from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
-from recognition.radii.radius_estimation import MAX_HEIGHT_M, PAPER_R, estimate_parameters, estimate_rough_radius
+from recognition.radii.radius_measurement import PAPER_R, measure_radius
+from recognition.radii.ridges import MAX_HEIGHT_M, estimate_rough_radius
+from recognition.request import RecognitionRequest
 
 WITHIN = 0.05
 """Relative tolerance: pose errors of the views make a string thicker by 0.1 to 0.3 mm."""
@@ -36,7 +38,7 @@ def strings(*lengths_and_radii: tuple[float, float], boxes: tuple[Box, ...] = ()
 
 def measured(scene: StringScene) -> float:
     scan = scan_of(scene)
-    return estimate_parameters(scan.views, Scene(0.0, scan.header.workspace_m)).r
+    return measure_radius(TableAndWarp.measure(scan.views, Scene(0.0, scan.header.workspace_m))).radius_m
 
 
 @pytest.mark.parametrize(("name", "r"), [("loop", 0.0025), ("arc", 0.007)])
@@ -69,7 +71,7 @@ def test_it_is_the_radius_of_the_fitted_tube_not_half_the_height() -> None:
 def test_a_string_that_a_wrong_radius_misses_is_a_doubt(factor: float) -> None:
     scan = scan_of(strings((0.2, 0.0042), (0.2, 0.0042)))
     model = recognise(
-        scan.views, ChainParameters.for_radius(factor * 0.0042), Scene(0.0, scan.header.workspace_m)
+        scan.views, RecognitionRequest(radius_m=factor * 0.0042), Scene(0.0, scan.header.workspace_m)
     ).model
     assert model.chains == ()
     assert model.quality.verdict == "review"
@@ -83,7 +85,7 @@ def test_a_string_that_a_wrong_radius_misses_is_a_doubt(factor: float) -> None:
 def test_a_table_without_a_string_gives_no_such_doubt(r: float) -> None:
     for boxes in ((), (Box((0.0, 0.0), (0.08, 0.05, 0.02), 0.2), Box((0.07, 0.06), (0.1, 0.006, 0.01), 1.0))):
         scan = scan_of(strings(boxes=boxes))
-        model = recognise(scan.views, ChainParameters.for_radius(r), Scene(0.0, scan.header.workspace_m)).model
+        model = recognise(scan.views, RecognitionRequest(radius_m=r), Scene(0.0, scan.header.workspace_m)).model
         assert not any(found.code == "string-of-other-radius" for found in model.quality.findings)
 
 

@@ -10,12 +10,13 @@ from cell.devices import View
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
+from recognition.early_end.stepwise import recognise_after_each_view
+from recognition.early_end.view_sufficiency import ViewCheck
 from recognition.errors import NoDepthError
-from recognition.parameters import ChainParameters
-from recognition.pipeline import Recognition, recognise
+from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import DepthView, Scene
-from recognition.stepwise import recognise_after_each_view
-from recognition.view_sufficiency import ViewCheck
+from recognition.request import RecognitionRequest
+from recognition.result import Recognition
 
 RINGS = (3, 1, 7, 5, 4, 2, 0, 6)
 """Viewpoints of the upper ring, then of the lower one."""
@@ -33,11 +34,11 @@ class Watcher:
         self.checks: list[ViewCheck] = []
         self.taken: list[View] = []
         self._scan, self._order = scan, order
-        self._parameters = ChainParameters.for_radius(scan.truth["radius"])
+        self._request = RecognitionRequest(radius_m=scan.truth["radius"])
 
     def recognise_some(self, views: Sequence[DepthView], earlier: Recognition | None = None) -> Recognition:
         # without a workspace there is no finding on the coverage of the table
-        return recognise(views, self._parameters, Scene(), earlier=earlier)
+        return recognise(views, self._request, Scene(), earlier=earlier)
 
     def run(self, next_is_here: Callable[[], bool] = lambda: False) -> Recognition:
         return recognise_after_each_view(self._views(), self.recognise_some, self.checks.append, next_is_here)

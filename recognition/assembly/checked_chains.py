@@ -1,0 +1,46 @@
+"""Chains whose ends are checked against the surface that no chain explains, and against free space."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.assembly.branches import mark_branches
+from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, mark_unseen_ends
+from recognition.assembly.unexplained import find_unexplained_surface
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding
+from recognition.parameters import ChainParameters
+from recognition.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedChains:
+    """Chains with the kinds of their ends, and the surface that they do not explain."""
+
+    chains: tuple[Chain, ...]
+    """Chains in the order of their `id`."""
+    contacts: Sequence[Finding]
+    """Findings on ends that may be joined to another end, or to the side of a strand."""
+    surface: NDArray[np.float64]
+    """(N, 3) points of strings and of objects on which no string rests, metres."""
+    unexplained: Sequence[NDArray[np.float64]]
+    """(M, 3) points of each piece of that surface that belongs to no chain, metres, the largest piece first."""
+
+
+def check_chains(chains: Sequence[Chain], surface: Surface, parameters: ChainParameters) -> CheckedChains:
+    """Mark the ends at which the string may continue, or which may be joined to another strand.
+
+    Args:
+        chains: Chains as a method found them.
+        surface: Registered surface of the scene.
+        parameters: Method parameters.
+    """
+    points = surface.support.remove_from(surface.points, chains, parameters)
+    unexplained = find_unexplained_surface(points, chains, parameters)
+    chains = mark_unobserved_ends(chains, unexplained, parameters)
+    chains, touching = mark_touching_ends(chains, surface.views)
+    chains, branches = mark_branches(chains, surface.views)
+    chains = mark_unseen_ends(chains, surface.views, parameters)
+    return CheckedChains(chains, [*touching, *branches], points, unexplained)

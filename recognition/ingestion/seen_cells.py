@@ -1,0 +1,133 @@
+"""What the views saw of each cell of the table: from how many viewpoints, how finely, with how much noise.
+
+A model states what is there, and also what is not: that there is no string, or that a string ends. Such a statement
+holds only where the views would have shown the contrary.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recognition.preprocessing.height_map import CELL_M, HeightLayer, merge_layers
+from recognition.preprocessing.lines_of_sight import count_views
+from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.target_cloud import TargetCloud
+
+MIN_BASELINE_M = 0.01
+"""Minimum distance of two cameras that are two viewpoints, metres. From nearer positions, views hide the same parts,
+and their errors of the depth are similar."""
+FREE_LEVELS_RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
+"""Heights above the table at which free space is sought, in radii r: within a string, at its top, and above it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenCells:
+    """What the views saw in each of M by N square cells of the table, along x and y."""
+
+    x_m: float
+    """Position of the first edge of the first cell along x, metres, base frame."""
+    y_m: float
+    """The same along y, metres, base frame."""
+    cell_m: float
+    """Edge length of the cells, metres."""
+    viewpoints: NDArray[np.int64]
+    """(M, N) number of viewpoints that measured the cell. Views from nearly the same position count once."""
+    noise_m: NDArray[np.float64]
+    """(M, N) standard deviation of the height of one pixel, metres, as the root mean square over the views that
+    measured the cell; NaN where none did."""
+    pixels_per_radius: NDArray[np.float64]
+    """(M, N) number of pixels that the radius of a string covers in the nearest view that measured the cell; 0 where
+    none did."""
+    free_above_m: NDArray[np.float64]
+    """(M, N) height above the table from which on at least one view looks through the space over the cell, metres;
+    infinite where none does at the highest of `FREE_LEVELS_RADII`."""
+
+
+def see_cells(
+    views: Sequence[TargetCloud | NormalCloud], layers: Sequence[HeightLayer], table_z_m: float, r: float
+) -> SeenCells:
+    """Return what the views saw in each cell.
+
+    Args:
+        views: The V views, registered ones with their corrected poses.
+        layers: V layers of heights that the views measured.
+        table_z_m: Height of the table, metres, base frame.
+        r: Radius of the strings, metres.
+    """
+    grid = merge_layers(layers, {layer.view: np.eye(4) for layer in layers})
+    shape = grid.z_m.shape
+    first = np.rint([grid.x_m / CELL_M, grid.y_m / CELL_M]).astype(np.int64)
+    xy = grid.cell_centres()
+    table = np.dstack([xy, np.full(shape, table_z_m)]).reshape(-1, 3)
+
+    by_viewpoint = np.zeros((len(views), *shape), dtype=np.bool_)
+    squares = np.zeros(shape)
+    n_views = np.zeros(shape, dtype=np.int64)
+    pixels_per_radius = np.zeros(shape)
+    for view, layer, viewpoint in zip(views, layers, viewpoint_numbers(views), strict=True):
+        is_measured = _in_grid(layer, first, shape)
+        by_viewpoint[viewpoint] |= is_measured
+        n_views += is_measured
+        squares += is_measured * view.scatter.pixel_m**2
+        pixels = _pixels_per_metre(view, table).reshape(shape) * r
+        pixels_per_radius = np.maximum(pixels_per_radius, np.where(is_measured, pixels, 0.0))
+    with np.errstate(invalid="ignore"):
+        noise_m = np.sqrt(squares / n_views)
+    return SeenCells(
+        x_m=grid.x_m,
+        y_m=grid.y_m,
+        cell_m=CELL_M,
+        viewpoints=by_viewpoint.sum(axis=0),
+        noise_m=noise_m,
+        pixels_per_radius=pixels_per_radius,
+        free_above_m=_free_above(views, table, r).reshape(shape),
+    )
+
+
+def viewpoint_numbers(views: Sequence[TargetCloud | NormalCloud]) -> list[int]:
+    """Return the number of the viewpoint of each view. Views from nearly the same position have the same number."""
+    centres: list[NDArray[np.float64]] = []
+    numbers: list[int] = []
+    for view in views:
+        assert view.T_base_camera is not None
+        position = view.T_base_camera[:3, 3]
+        near = [k for k, centre in enumerate(centres) if np.linalg.norm(position - centre) < MIN_BASELINE_M]
+        if not near:
+            near = [len(centres)]
+            centres.append(position)
+        numbers.append(near[0])
+    return numbers
+
+
+def _in_grid(layer: HeightLayer, first: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return the mask of the cells of a grid from the cell `first` (2,) that a layer measured."""
+    is_measured = np.zeros(shape, dtype=np.bool_)
+    offset = np.array(layer.first) - first
+    begin = np.maximum(offset, 0)
+    end = np.minimum(offset + layer.z_m.shape, shape)
+    if (begin < end).all():
+        inside = layer.z_m[begin[0] - offset[0] : end[0] - offset[0], begin[1] - offset[1] : end[1] - offset[1]]
+        is_measured[begin[0] : end[0], begin[1] : end[1]] = np.isfinite(inside)
+    return is_measured
+
+
+def _pixels_per_metre(view: TargetCloud | NormalCloud, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the pixels (N,) that a metre across the line of sight covers at points (N, 3); 0 behind the camera."""
+    assert view.image is not None
+    assert view.T_base_camera is not None
+    depth_m = (points - view.T_base_camera[:3, 3]) @ view.T_base_camera[:3, 2]
+    return np.where(depth_m > 0, view.image.K[0, 0] / np.maximum(depth_m, CELL_M), 0.0)
+
+
+def _free_above(
+    views: Sequence[TargetCloud | NormalCloud], table: NDArray[np.float64], r: float
+) -> NDArray[np.float64]:
+    """Return the height (N,) above points of the table from which on views look through all higher levels, metres."""
+    free_above_m = np.full(len(table), np.inf)
+    is_free = np.ones(len(table), dtype=np.bool_)
+    for level in reversed(FREE_LEVELS_RADII):
+        is_free &= count_views(table + (0.0, 0.0, level * r), r, views).through > 0
+        free_above_m[is_free] = level * r
+    return free_above_m

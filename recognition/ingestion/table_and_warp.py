@@ -1,0 +1,148 @@
+"""Where the views show the table, and the warp of their camera: measured once, with each view that arrives.
+
+Neither depends on the radius of the strings, so that a recognition with another radius uses them again.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.transforms import inverse
+from recognition.errors import DuplicateViewError
+from recognition.preprocessing.depth_warp import (
+    MAX_VIEWS,
+    DepthWarp,
+    TableSample,
+    correct,
+    is_similar,
+    measure_warp,
+    sample_table,
+)
+from recognition.preprocessing.table_measurement import ViewPlane, measure_table
+from recognition.preprocessing.target_cloud import DepthView, Scene
+from recognition.registration.measured_table import (
+    MeasuredTable,
+    MovedView,
+    is_near,
+    locate_table,
+    refuse_doubtful_table,
+)
+
+EARLY_PLANES = 2
+"""Minimum number of views that show the table, for a change of its place while further views may arrive. A single view
+shows it less accurately."""
+
+
+@dataclass(eq=False)
+class TableAndWarp:
+    """Table and warp as the views so far show them. `add` measures them again with a further view."""
+
+    scene: Scene
+    """Table height and workspace, as given."""
+    views: list[DepthView] = field(default_factory=list)
+    """Views as they arrived."""
+    samples: list[TableSample | None] = field(default_factory=list)
+    """Pixels on the table in each view as captured; None for a view that shows too little of it."""
+    warp: DepthWarp | None = None
+    """Slow depth error of the camera, or None."""
+    without_warp: list[DepthView] = field(default_factory=list)
+    """The views with corrected depth images; as they arrived if there is no warp."""
+    planes: list[ViewPlane | None] = field(default_factory=list)
+    """Plane of the table in each view of `without_warp` at its given pose, base frame; None as in `samples`."""
+    table: MeasuredTable | None = None
+    """Where the views show the table; None if no view shows it."""
+    T_base_table: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    """(4, 4) motion that moves the given table to where the corrected views have it, metres."""
+
+    @classmethod
+    def measure(cls, views: Iterable[DepthView], scene: Scene) -> Self:
+        """Return the measurement of all views of a scan. Raises as `add` and `settle`."""
+        measured = cls(scene)
+        for view in views:
+            measured.add(view)
+        measured.settle()
+        return measured
+
+    def copy(self) -> Self:
+        """Return a copy, to which views can be added."""
+        return replace(
+            self,
+            views=[*self.views],
+            samples=[*self.samples],
+            without_warp=[*self.without_warp],
+            planes=[*self.planes],
+        )
+
+    def add(self, view: DepthView) -> bool:
+        """Add a view. Return whether the views before it are corrected differently now.
+
+        The table is moved as soon as `EARLY_PLANES` views show it where it is not given.
+
+        Raises:
+            DuplicateViewError: Two views have the same index.
+        """
+        if any(view.index == earlier.index for earlier in self.views):
+            raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
+        plane = measure_table(view, self.scene)
+        self.views.append(view)
+        self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
+        has_new_warp = self._measure_warp()
+        if has_new_warp:
+            self.without_warp.clear()
+            self.planes.clear()
+        for captured in self.views[len(self.without_warp) :]:
+            corrected = captured if self.warp is None else correct(captured, self.warp)
+            self.without_warp.append(corrected)
+            self.planes.append(plane if corrected is view else measure_table(corrected, self.scene))
+        is_moved = self._move_table(EARLY_PLANES)
+        return has_new_warp or is_moved
+
+    def settle(self) -> bool:
+        """Move the table even if a single view shows it, because no view follows. Return as `add`.
+
+        Raises:
+            TableElsewhereError: The table is too far from where it is given, or two planes may be the table.
+        """
+        is_moved = self._move_table(1)
+        if self.table is not None and self.table.is_elsewhere:
+            refuse_doubtful_table(self.table, self.planes)
+        return is_moved
+
+    def corrected(self, number: int) -> DepthView:
+        """Return a view without the warp, with its pose relative to the table.
+
+        Args:
+            number: Position of the view in `views`.
+        """
+        view = self.without_warp[number]
+        if np.array_equal(self.T_base_table, np.eye(4)):
+            return view
+        return MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
+
+    def _measure_warp(self) -> bool:
+        """Measure the warp in the first views. Return whether it has changed."""
+        samples = [sample for sample in self.samples if sample is not None]
+        if len(samples) > MAX_VIEWS:
+            return False
+        warp = measure_warp(samples)
+        if is_similar(warp, self.warp, samples):
+            return False
+        self.warp = warp
+        return True
+
+    def _move_table(self, min_planes: int) -> bool:
+        """Locate the table, and move it if at least `min_planes` views show it elsewhere. Return whether it moved."""
+        shown = [plane for plane in self.planes if plane is not None]
+        if len(shown) < min_planes:
+            return False
+        self.table = locate_table(shown, self.scene.table_z_m)
+        T_base_table = np.eye(4)
+        if self.table is not None and self.table.is_elsewhere:
+            T_base_table = self.table.T_base_table
+        if is_near(T_base_table, self.T_base_table, self.planes):
+            return False
+        self.T_base_table = T_base_table
+        return True

@@ -1,0 +1,85 @@
+"""All findings on a scene apart from those on its grasps, from what the stages found."""
+
+from collections.abc import Sequence
+
+from recognition.assembly.chain_ends import unobserved_end_findings
+from recognition.assembly.checked_chains import CheckedChains
+from recognition.assembly.sharp_bends import sharp_bend_findings
+from recognition.assembly.table_frame import table_findings
+from recognition.assembly.unexplained import possible_object_findings, unexplained_findings
+from recognition.assembly.view_findings import (
+    drift_findings,
+    noise_findings,
+    single_view_findings,
+    view_findings,
+    warp_findings,
+)
+from recognition.methods import FoundChains
+from recognition.model.chains import Chain
+from recognition.model.findings import Finding, finding
+from recognition.parameters import ChainParameters
+from recognition.preprocessing.coverage import coverage_findings
+from recognition.radii.radius_measurement import other_radius_findings
+from recognition.request import RecognitionRequest
+from recognition.surface import Surface
+
+
+def scene_findings(
+    surface: Surface,
+    found: FoundChains,
+    checked: CheckedChains,
+    request: RecognitionRequest,
+    parameters: ChainParameters,
+) -> Sequence[Finding]:
+    """Return the findings on a scene with a string in view, apart from those on its grasps."""
+    chains = checked.chains
+    registration = surface.registration
+    ingested = surface.ingested
+    used = [view.index for view in registration.views if view.used]
+    return (
+        *_radius_findings(surface, request, parameters, chains, found.findings),
+        *found.crossings.findings,
+        *found.connections,
+        *sharp_bend_findings(chains),
+        *found.findings,
+        *possible_object_findings(checked.unexplained, chains, parameters),
+        *checked.contacts,
+        *unobserved_end_findings(chains, surface.scene, parameters),
+        *unexplained_findings(checked.unexplained, parameters),
+        *drift_findings(registration, chains),
+        *table_findings(ingested.measured.table, chains),
+        *warp_findings(ingested.measured.warp),
+        *single_view_findings(registration.views, ingested.clouds, chains),
+        *noise_findings(registration, parameters),
+        *view_findings(surface.views_quality, ingested.captured, chains),
+        *coverage_findings(ingested.targets, used, surface.scene),
+    )
+
+
+def findings_without_string(
+    surface: Surface, request: RecognitionRequest, parameters: ChainParameters
+) -> Sequence[Finding]:
+    """Return the findings on a scene without a string: the reason, another radius, the table and its coverage."""
+    assert surface.no_string_reason is not None
+    ingested = surface.ingested
+    return (
+        *_radius_findings(surface, request, parameters, (), ()),
+        finding("no-string-in-view", surface.no_string_reason),
+        *table_findings(ingested.measured.table, ()),
+        *warp_findings(ingested.measured.warp),
+        *view_findings(ingested.excluded, ingested.captured, ()),
+        *coverage_findings(ingested.targets, (), surface.scene),
+    )
+
+
+def _radius_findings(
+    surface: Surface,
+    request: RecognitionRequest,
+    parameters: ChainParameters,
+    chains: Sequence[Chain],
+    findings: Sequence[Finding],
+) -> Sequence[Finding]:
+    """Return the finding that a given radius is probably wrong. A measured one was measured in the same views."""
+    if request.radius_m is None:
+        return ()
+    return other_radius_findings(surface.ingested.measured, parameters, chains, findings)
