@@ -56,12 +56,11 @@ def message(grasp: Grasp, name: str, options: argparse.Namespace) -> dict[str, A
     """Return a grasp as a `moveit_msgs/Grasp`.
 
     Args:
-        grasp: A grasp with `T_base_flange`.
+        grasp: The grasp.
         name: Its `id`.
         options: Names of frame and joint, and limits, as `main` reads them.
     """
     motion = grasp.T_base_flange
-    assert motion is not None
     header = {"frame_id": options.frame_id}
     approach_m, lift_m = (motion.grasp - start for start in (motion.pregrasp, motion.retreat))
 
@@ -112,11 +111,7 @@ def choose(model: Model, found: GraspList, without_reach: bool) -> tuple[list[Gr
         Grasps on chains with the verdict `accept`, none of them unreachable. If there is none, the message has the
         reason. The message is empty if no grasp is left out as unreachable, and the calibration is the same.
     """
-    trusted = [
-        grasp
-        for grasp in found.grasps
-        if grasp.trusted and model.trusted(grasp.chain) and grasp.T_base_flange is not None
-    ]
+    trusted = [grasp for grasp in found.grasps if grasp.trusted and model.trusted(grasp.chain)]
     if not trusted:
         verdicts = ", ".join(f"{chain.id}: {chain.trust}" for chain in model.chains)
         return [], f"no grasp is on a chain with the verdict accept; the verdicts are {verdicts or 'none'}"

@@ -46,7 +46,6 @@ def main(url: str) -> int:
                 break
         if isinstance(decision, Grasp):
             assert decision.reach is not None  # by `obstacle`
-            assert decision.T_base_flange is not None  # because the scan is new
             if not cell.release().robot.at_home:  # from here on this program may move the arm
                 print("ask:", "the arm was stopped and is not home", sep="\n  ", file=sys.stderr)
                 return 1

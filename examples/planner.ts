@@ -119,7 +119,7 @@ async function main(): Promise<number> {
   console.log(`chain ${decision.chain} at ${decision.s_m} m`);
   console.log("moveJ to", JSON.stringify(decision.reach?.q_pregrasp_rad));
   console.log(`open to ${decision.opening_m} m, moveL until the flange is at`);
-  console.log(JSON.stringify(decision.T_base_flange?.grasp));
+  console.log(JSON.stringify(decision.T_base_flange.grasp));
   return 0;
 }
 

@@ -116,8 +116,8 @@ def rotation_vector(R: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def program(scan: str, grasp: Grasp, found: GraspList) -> str:
     """Return the program that carries out a reachable grasp."""
-    motion, reach = grasp.T_base_flange, grasp.reach
-    assert motion is not None
+    motion = grasp.T_base_flange
+    reach = grasp.reach
     assert reach is not None
     assert reach.q_pregrasp_rad is not None
     assert found.q_home_rad is not None

@@ -95,6 +95,5 @@ def _move_finding(found: Finding, T: NDArray[np.float64]) -> Finding:
 
 def _move_grasp(grasp: Grasp, T: NDArray[np.float64]) -> Grasp:
     motion = grasp.T_base_flange
-    if motion is not None:
-        motion = replace(motion, pregrasp=T @ motion.pregrasp, grasp=T @ motion.grasp, retreat=T @ motion.retreat)
+    motion = replace(motion, pregrasp=T @ motion.pregrasp, grasp=T @ motion.grasp, retreat=T @ motion.retreat)
     return replace(grasp, T_base_grasp=T @ grasp.T_base_grasp, T_base_flange=motion)

@@ -5,7 +5,7 @@ The best grasp of each cluster comes first in the list.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from recognition.grasping.flange_poses import LIFT_M, flange_poses
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.obstacles import ObjectPoints, Obstacles
 from recognition.model.chains import Chain, ChainInterpolator, Crossing, passes_below
-from recognition.model.grasps import Grasp, GraspMotion
+from recognition.model.grasps import Grasp, GraspMotion, ScoredGrasp
 
 CLUSTER_M = 0.02
 """Minimum distance along a chain between the best grasps of two clusters, metres."""
@@ -24,8 +24,20 @@ ABOVE_RADII = 0.5
 string are not above it."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _DescribedGrasp(ScoredGrasp):
+    """A grasp with its sigma, and with what lies near it along the string. The fields are those of `Grasp`."""
+
+    sigma_m: float
+    end_distance_m: float | None
+    over_distance_m: float | None
+    under_distance_m: float | None
+    chains_above: tuple[int, ...]
+    object_above_m: float | None
+
+
 def list_grasps(
-    grasps: Sequence[Grasp],
+    grasps: Sequence[ScoredGrasp],
     chains: Sequence[Chain],
     crossings: Sequence[Crossing],
     obstacles: Obstacles,
@@ -60,8 +72,8 @@ def list_grasps(
     _, best = np.unique(cluster, return_index=True)
     order = [*best, *np.setdiff1d(np.arange(len(ordered)), best)]
     return tuple(
-        replace(
-            ordered[k],
+        Grasp(
+            **vars(ordered[k]),
             id=number,
             cluster=int(cluster[k]),
             T_base_flange=GraspMotion(poses.pregrasp[k], poses.grasp[k], poses.retreat[k]),
@@ -70,12 +82,12 @@ def list_grasps(
     )
 
 
-def _rank(grasp: Grasp) -> tuple[bool, float, int, float]:
+def _rank(grasp: ScoredGrasp) -> tuple[bool, float, int, float]:
     """Return the sort key of a grasp: without a doubt first, the best first."""
     return (not grasp.trusted, -grasp.score, grasp.chain, grasp.s_m)
 
 
-def _clusters(ordered: Sequence[Grasp], by_id: dict[int, ChainInterpolator]) -> NDArray[np.int64]:
+def _clusters(ordered: Sequence[ScoredGrasp], by_id: dict[int, ChainInterpolator]) -> NDArray[np.int64]:
     """Return the cluster (N,) of each grasp, numbered in the order of the best grasp of each.
 
     In this order, a grasp joins the first cluster whose best grasp is within `CLUSTER_M` along the chain, or else it
@@ -85,7 +97,7 @@ def _clusters(ordered: Sequence[Grasp], by_id: dict[int, ChainInterpolator]) -> 
         ordered: Grasps, the best first.
         by_id: Chains by their ids.
     """
-    best: list[Grasp] = []
+    best: list[ScoredGrasp] = []
     cluster = np.empty(len(ordered), dtype=np.int64)
     for k, grasp in enumerate(ordered):
         numbers = [number for number, other in enumerate(best) if other.chain == grasp.chain]
@@ -98,8 +110,8 @@ def _clusters(ordered: Sequence[Grasp], by_id: dict[int, ChainInterpolator]) -> 
 
 
 def _describe(
-    grasps: Sequence[Grasp], chain: Chain, crossings: Sequence[Crossing], objects: ObjectPoints, gripper: Gripper
-) -> list[Grasp]:
+    grasps: Sequence[ScoredGrasp], chain: Chain, crossings: Sequence[Crossing], objects: ObjectPoints, gripper: Gripper
+) -> list[_DescribedGrasp]:
     """Return grasps on one chain with their sigma, and with what lies near them along the string."""
     line, length = ChainInterpolator(chain), chain.length_m
     s = np.array([grasp.s_m for grasp in grasps])
@@ -117,8 +129,8 @@ def _describe(
     ]
     object_above = _object_above(line, s, objects)
     return [
-        replace(
-            grasp,
+        _DescribedGrasp(
+            **vars(grasp),
             sigma_m=float(sigma[k]),
             end_distance_m=_finite(end[k]),
             over_distance_m=_finite(to_over[k]),

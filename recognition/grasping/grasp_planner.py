@@ -18,7 +18,7 @@ from recognition.grasping.local_floor import LocalFloor, low_object_findings
 from recognition.grasping.obstacles import ObjectPoints, Obstacles
 from recognition.model.chains import Chain, ChainInterpolator, Crossing
 from recognition.model.findings import Finding, finding
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import CELL_M
 
@@ -54,7 +54,7 @@ TILTED_SWEEP_M = 0.01
 class GraspSet:
     """Grasps on the chains of a scene, and the notes on chains without grasps."""
 
-    grasps: tuple[Grasp, ...]
+    grasps: tuple[ScoredGrasp, ...]
     """Grasps on all chains, the best first."""
     findings: tuple[Finding, ...]
     """One note on each chain without a grasp, and one if low objects are hidden in the noise."""
@@ -123,7 +123,7 @@ def find_grasps(
         The grasps in the base frame, and the notes.
     """
     surroundings = _Surroundings(obstacles, floor, floor.edge_points())
-    grasps: list[Grasp] = []
+    grasps: list[ScoredGrasp] = []
     findings = low_object_findings(floor) if chains else []
     for chain in chains:
         candidates, reason = find_candidates(chain, crossings, parameters, gripper)
@@ -141,9 +141,9 @@ def _best_grasps(
     candidates: GraspCandidates,
     surroundings: _Surroundings,
     gripper: Gripper,
-) -> list[Grasp]:
+) -> list[ScoredGrasp]:
     """Return the best grasp of each candidate over all approaches. Omit candidates without a possible grasp."""
-    best: list[Grasp | None] = [None] * len(candidates.s_m)
+    best: list[ScoredGrasp | None] = [None] * len(candidates.s_m)
     for approaches in (UPRIGHT, TILTED):
         crowded = np.array([k for k, grasp in enumerate(best) if grasp is None], dtype=np.int64)
         for approach in approaches:
@@ -173,7 +173,7 @@ def _try_approach(
     approach: Approach,
     surroundings: _Surroundings,
     gripper: Gripper,
-) -> list[Grasp | None]:
+) -> list[ScoredGrasp | None]:
     """Return the grasps of the candidates `at` (N,) by one approach, or None where it is not possible."""
     tilt, r = approach.tilt_rad, chain.radius_m
     obstacles, floor, edges = surroundings.obstacles, surroundings.floor, surroundings.edges
@@ -204,7 +204,7 @@ def _try_approach(
     score *= 0.5 + 0.5 * np.clip(above / max(gripper.table_clearance_m, ROUNDING_M), 0, 1)
     score = np.minimum(score, 1.0)  # rounding
     return [
-        Grasp(
+        ScoredGrasp(
             chain.id, float(candidates.s_m[number]), T[k], float(opening[k]), float(reach[k]), float(clearance[k]),
             float(above[k]), float(score[k]),
         ) if possible[k] else None

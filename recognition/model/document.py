@@ -312,8 +312,8 @@ class GraspDocument(_Document):
     from ends and crossings, and tilt, depth, opening and distance from the floor of the fingers."""
     trusted: bool
     """False if a doubt concerns the string between the fingers. Such grasps are only listed on request."""
-    sigma_m: Rounded | None
-    """Largest sigma of the string between the fingers, metres. Null in models of earlier releases."""
+    sigma_m: Rounded
+    """Largest sigma of the string between the fingers, metres."""
     end_distance_m: Rounded | None
     """Distance to the nearest end along the string, metres. Null on a ring."""
     over_distance_m: Rounded | None
@@ -325,43 +325,17 @@ class GraspDocument(_Document):
     object_above_m: Rounded | None
     """Height above the grasp of the lowest object that lies over this string within 60 mm of the grasp, metres. A lift
     of this height touches it. Null if no object is in the way of a lift of 60 mm."""
-    T_base_flange: GraspMotionDocument | None
-    """Poses of the flange that carry out the grasp. Null in models of earlier releases."""
+    T_base_flange: GraspMotionDocument
+    """Poses of the flange that carry out the grasp."""
 
     def to_grasp(self) -> Grasp:
         """Return the grasp with arrays."""
         values = self._values(
             Grasp,
             T_base_grasp=np.array(self.T_base_grasp, dtype=np.float64),
-            T_base_flange=None if self.T_base_flange is None else self.T_base_flange.to_motion(),
+            T_base_flange=self.T_base_flange.to_motion(),
         )
         return Grasp(**values)
-
-
-LATER_GRASP_MEMBERS: dict[str, Any] = {
-    "sigma_m": None,
-    "end_distance_m": None,
-    "over_distance_m": None,
-    "under_distance_m": None,
-    "chains_above": (),
-    "object_above_m": None,
-    "T_base_flange": None,
-}
-"""Members of a grasp that models of earlier releases do not have, besides `id` and `cluster`."""
-
-
-def _complete_grasps(grasps: Any) -> Any:
-    """Give the grasps of an earlier release the members that it did not have: each its index as id and as cluster."""
-    if not isinstance(grasps, list):
-        return grasps
-    return [
-        LATER_GRASP_MEMBERS | {"id": number, "cluster": number} | grasp if isinstance(grasp, dict) else grasp
-        for number, grasp in enumerate(grasps)
-    ]
-
-
-GraspDocuments = Annotated[list[GraspDocument], BeforeValidator(_complete_grasps)]
-"""Grasps of a model, also of one of an earlier release."""
 
 
 class ViewQualityDocument(_Document):
@@ -532,7 +506,7 @@ class ModelDocument(_Document):
     crossings: list[CrossingDocument]
     """All crossings of two strands."""
     topology: TopologyDocument
-    grasps: GraspDocuments
+    grasps: list[GraspDocument]
     """Grasps on all chains. First comes the best grasp of each cluster, then all others, each part sorted by score."""
     quality: QualityDocument
     timing_s: dict[str, Rounded]

@@ -43,7 +43,6 @@ FindingCode = Literal[
     "table-elsewhere",
     "single-view-not-aligned",
     "depth-noise",
-    "pointchain-1",
     "end-at-border",
     "radius-smaller",
     "radius-larger",
@@ -263,13 +262,6 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Move the viewpoints nearer, use a higher resolution, more exposures, more light, or thicker strings.",
         decision="ask a person",
         value="scatter of the depth of patches, or of pixels, about the table plane, one sigma, m",
-    ),
-    "pointchain-1": FindingType(
-        severity="doubt",
-        scope="chain",
-        meaning="The model has the schema `pointchain/1`. Fewer checks were made, and its messages have no codes.",
-        action="Recognise the scan again, or let a person read the messages.",
-        decision="recognise again",
     ),
     "end-at-border": FindingType(
         severity="note",

@@ -19,11 +19,8 @@ class GraspMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
-    """A pose in which a parallel gripper can grasp a string.
-
-    Grasps of a model of an earlier release have only some of the fields. The others have their default values.
-    """
+class ScoredGrasp:
+    """A pose in which a parallel gripper can grasp a string, before the grasps of the scene are listed."""
 
     chain: int
     """Id of the chain."""
@@ -46,22 +43,28 @@ class Grasp:
     """Quality of the grasp, from 0 to 1 (best)."""
     trusted: bool = True
     """Whether no doubt concerns the part of the string between the fingers."""
-    id: int = 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Grasp(ScoredGrasp):
+    """A grasp of a model, with what lies near it along the string and how to carry it out."""
+
+    id: int
     """Number of the grasp in the model, from 0, in the order of the list."""
-    cluster: int = 0
+    cluster: int
     """Number of the cluster of neighbouring grasps on a chain, from 0, in the order of the best grasp of each."""
-    sigma_m: float | None = None
+    sigma_m: float
     """Largest standard deviation of the centre line between the fingers, across the string, metres."""
-    end_distance_m: float | None = None
+    end_distance_m: float | None
     """Distance to the nearest end, along the string, metres. None on a ring."""
-    over_distance_m: float | None = None
+    over_distance_m: float | None
     """Distance to the nearest crossing at which this strand is the upper one, along the string, metres, or None."""
-    under_distance_m: float | None = None
+    under_distance_m: float | None
     """Distance to the nearest crossing at which this strand is the lower one, along the string, metres, or None."""
-    chains_above: tuple[int, ...] = ()
+    chains_above: tuple[int, ...]
     """Ids of the chains that are lifted with the string, because they lie over it near the grasp."""
-    object_above_m: float | None = None
+    object_above_m: float | None
     """Height of the lowest object above the string near the grasp, from the grasp on, metres. None if there is none
     within the lift."""
-    T_base_flange: GraspMotion | None = None
+    T_base_flange: GraspMotion
     """Poses of the flange that carry out the grasp."""

@@ -90,22 +90,19 @@ class PointChainModel:
     def from_json(cls, document: Mapping[str, Any]) -> Self:
         """Return the model of a document that `to_json` returned, accurate to a micrometre.
 
-        A document of schema `pointchain/1` is converted. Its messages have no codes, so each of them becomes a doubt.
-
         Args:
             document: The document. Unknown members are ignored.
 
         Raises:
-            recognition.errors.ModelError: The document is not a model, or it contradicts itself.
+            recognition.errors.ModelError: The document is not a model, it has another schema, or it contradicts itself.
         """
         from pydantic import ValidationError
 
         from recognition.model.document import ModelDocument, parameters_from_document
-        from recognition.model.schema_1 import SCHEMA_1, convert
 
+        check_schema(document)
         try:
-            is_old = isinstance(document, Mapping) and document.get("schema") == SCHEMA_1
-            parsed = ModelDocument.model_validate(convert(document) if is_old else document)
+            parsed = ModelDocument.model_validate(document)
             model = cls(
                 method=cast(Method, parsed.method),
                 parameters=parameters_from_document(parsed.parameters),
@@ -193,6 +190,13 @@ class PointChainModel:
     def p_data(self) -> PData:
         """Return the ends, crossings and segments, and the matrix that says which follows which."""
         return p_data(self.chains, self.crossings)
+
+
+def check_schema(document: Any) -> None:
+    """Raise ModelError if a document names another schema than that of this version."""
+    schema = document.get("schema") if isinstance(document, Mapping) else None
+    if isinstance(schema, str) and schema != SCHEMA:
+        raise ModelError(f"the document is of schema {schema!r}; this version of Pointchain reads {SCHEMA!r}")
 
 
 def _with_id(items: Sequence[_Numbered], number: int) -> _Numbered:

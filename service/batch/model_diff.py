@@ -9,7 +9,8 @@ import numpy as np
 
 from cell.simulation.evaluation.curve_distance import NearestPoints, Polyline
 from cell.simulation.evaluation.metrics import score
-from recognition.model.schema_1 import SCHEMA_1, convert
+from recognition.errors import ModelError
+from recognition.model.model import SCHEMA, check_schema
 from service.batch.errors import BatchError
 
 Kind = Literal["lost", "topology", "findings", "radius", "moved", "error", "gained", "same"]
@@ -37,7 +38,7 @@ class Change:
 
 
 def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str, Any], tolerance_m: float) -> Change:
-    """Compare two documents, each a model or an error. A model of schema `pointchain/1` is converted.
+    """Compare two documents, each a model or an error.
 
     Args:
         recording: Name of the recording.
@@ -49,7 +50,8 @@ def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str
         BatchError: A document has another schema.
     """
     try:
-        before, after = (convert(model) if model.get("schema") == SCHEMA_1 else model for model in (before, after))
+        check_schema(before)
+        check_schema(after)
         if "error" in before or "error" in after:
             return _compare_errors(recording, before.get("error"), after.get("error"))
         if before["chains"] == after["chains"] and before["crossings"] == after["crossings"]:
@@ -60,8 +62,10 @@ def compare_models(recording: str, before: Mapping[str, Any], after: Mapping[str
             topology = _compare_topology(before, after)
         findings = _compare_findings(before["quality"]["findings"], after["quality"]["findings"])
         radius = _compare_radii(before["chains"], after["chains"], tolerance_m)
+    except ModelError as error:
+        raise BatchError(f"{recording}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # ScoringError is a ValueError
-        raise BatchError(f"{recording}: one of the documents is not of schema pointchain/2: {error!r}") from error
+        raise BatchError(f"{recording}: one of the documents is not of schema {SCHEMA}: {error!r}") from error
     moved = "" if worst is None or worst <= tolerance_m else f"{_mm(worst)} at most, {_mm(mean)} on average"
     found: dict[Kind, str] = {"topology": topology, "findings": findings, "radius": radius, "moved": moved}
     kinds: list[Kind] = [kind for kind, what in found.items() if what]

@@ -13,8 +13,7 @@ from calibration.atomic_write import TooLargeError, read_limited
 from cell.recording import read_result
 from recognition.errors import ModelError
 from recognition.model.document import ModelDocument
-from recognition.model.model import SCHEMA
-from recognition.model.schema_1 import SCHEMA_1, convert
+from recognition.model.model import SCHEMA, check_schema
 from service.interchange.errors import ExportError
 
 STDIN = Path("-")
@@ -23,7 +22,7 @@ MAX_BYTES = 64 << 20
 
 
 def read_model(path: Path) -> dict[str, Any]:
-    """Read and check a model document. A model of schema `pointchain/1` is converted.
+    """Read and check a model document.
 
     Args:
         path: JSON file or recording; `-` is stdin.
@@ -82,21 +81,22 @@ def _parse(content: bytes, name: str) -> Any:
 
 
 def _check(document: Any, name: str) -> dict[str, Any]:
-    if not isinstance(document, dict) or document.get("schema") not in (SCHEMA, SCHEMA_1):
+    try:
+        check_schema(document)
+    except ModelError as error:
+        raise ExportError(f"{name} is not a model that can be exported: {error}") from error
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise ExportError(f"{name} is not a model: a JSON object with schema {SCHEMA!r} is needed")
     if "error" in document:
         error = document["error"]
         detail = error.get("detail") if isinstance(error, dict) else error
         raise ExportError(f"{name} holds an error, not a model: {detail}")
     try:
-        document = convert(document) if document["schema"] == SCHEMA_1 else document
         model = ModelDocument.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ExportError(f"{name} is not a model: {where}: {first['msg']}") from error
-    except ModelError as error:
-        raise ExportError(f"{name} is {error}") from error
     for chain in model.chains:
         if not len(chain.points) == len(chain.arc_length_m) == len(chain.sigma_m) == len(chain.views):
             raise ExportError(f"{name} is not a model: chain {chain.id} has a different number of values and points")

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.model.model import SCHEMA
+
 VERTEX = np.dtype(
     [
         ("x", "<f4"),
@@ -35,7 +37,7 @@ def to_point_ply(model: Mapping[str, Any]) -> bytes:
         vertices.append(_vertices(chain))
         edges.append(_edges(first, len(chain["points"]), chain["closed"]))
     blocks = {"vertex": np.concatenate(vertices), "edge": np.concatenate(edges)}
-    lines = ["ply", "format binary_little_endian 1.0", "comment metres, base frame", "comment pointchain/1"]
+    lines = ["ply", "format binary_little_endian 1.0", "comment metres, base frame", f"comment {SCHEMA}"]
     for name, block in blocks.items():
         lines.append(f"element {name} {len(block)}")
         fields = block.dtype.fields or {}

@@ -109,7 +109,6 @@ def test_the_ur_program_carries_out_the_best_reachable_grasp(planner: Client, sc
     notes = [line for line in done.stderr.splitlines() if "takes along" not in line]
     assert (done.returncode, notes) == (0, [f"ur_script: grasp {number} has the score {grasp.score:.2f}"])
     assert number == next(each.id for each in found.reachable if each.reach and each.reach.path_free)
-    assert grasp.T_base_flange is not None
     assert grasp.reach is not None
     assert grasp.reach.q_pregrasp_rad is not None
     assert grasp.reach.q_grasp_rad is not None

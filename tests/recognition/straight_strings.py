@@ -8,7 +8,7 @@ from recognition.grasping.local_floor import LocalFloor
 from recognition.grasping.obstacles import gather_obstacles
 from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 from recognition.parameters import ChainParameters
 from recognition.registration.fusion import VOXEL_RADII
 
@@ -44,7 +44,7 @@ def grasps_of(
     gripper: Gripper = GRIPPER,
     parameters: ChainParameters = PARAMETERS,
     floor: LocalFloor = BARE_TABLE,
-) -> tuple[tuple[Grasp, ...], tuple[Finding, ...]]:
+) -> tuple[tuple[ScoredGrasp, ...], tuple[Finding, ...]]:
     """Return the grasps, and the findings. Each finding must be the note on a chain without a grasp."""
     obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
     found = find_grasps(chains, crossings, obstacles, floor, parameters, gripper)
@@ -54,7 +54,7 @@ def grasps_of(
     return found.grasps, found.findings
 
 
-def finger_points(grasp: Grasp) -> np.ndarray:
+def finger_points(grasp: ScoredGrasp) -> np.ndarray:
     """Points in both fingers, base frame, less than 2 mm apart, from the tips to 30 mm before them."""
     inner = grasp.opening_m / 2
     x = np.concatenate([side * np.linspace(inner, inner + GRIPPER.finger_thickness_m, 4) for side in (-1, 1)])

@@ -35,8 +35,8 @@ pytestmark = pytest.mark.slow
 
 Points = NDArray[np.float64]
 R = 0.0042
-MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "colour-unusable", "more-views-needed", "pointchain-1"}
-"""Codes that the service makes, that of `test_stepwise`, and the code of old documents, which `test_schema_1` tests."""
+MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "colour-unusable", "more-views-needed"}
+"""Codes that the service makes, and that of `test_stepwise`."""
 ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
 
 

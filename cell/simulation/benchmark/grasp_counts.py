@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from cell.simulation.evaluation.grasp_clearance import grasp_clearances
 from cell.simulation.scenes.scenes import StringScene
 from recognition.grasping.gripper import Gripper
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class GraspCounts:
     """Sums of the fields of `JudgedGrasps` with the same names."""
 
 
-def judge_grasps(grasps: Sequence[Grasp], scene: StringScene, gripper: Gripper | None = None) -> JudgedGrasps:
+def judge_grasps(grasps: Sequence[ScoredGrasp], scene: StringScene, gripper: Gripper | None = None) -> JudgedGrasps:
     """Judge the grasps of a model by the true scene.
 
     Args:

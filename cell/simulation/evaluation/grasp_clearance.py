@@ -18,7 +18,7 @@ from cell.simulation.scenes.planar_crossings import is_closed
 from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length, resample
 from recognition.grasping.gripper import Gripper
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 
 APPROACH_M = 0.1
 """Length of the straight approach. It is longer than the highest object of a scene."""
@@ -101,7 +101,7 @@ class GraspClearance:
 
 
 def grasp_clearances(
-    grasps: Sequence[Grasp],
+    grasps: Sequence[ScoredGrasp],
     scene: StringScene,
     gripper: Gripper,
     T_grasp_actual: NDArray[np.float64] | None = None,
@@ -228,7 +228,7 @@ def _end_surface(points: NDArray[np.float64], radius_m: float) -> NDArray[np.flo
 
 
 def _clearance(
-    grasp: Grasp,
+    grasp: ScoredGrasp,
     error: NDArray[np.float64],
     boxes: Sequence[Box],
     strands: Sequence[_Tube],

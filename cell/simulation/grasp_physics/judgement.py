@@ -15,7 +15,7 @@ from cell.simulation.scenes.scenes import StringScene
 from recognition.geometry.polyline import arc_length
 from recognition.grasping.gripper import Gripper
 from recognition.model.chains import Chain
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 
 MATCH_WINDOW_M = 0.02
 """Largest difference between the arc length of a grasp on its string by shares of the lengths, and by its position."""
@@ -50,7 +50,7 @@ class JudgedGrasp:
 def judge_grasps(
     scene: StringScene,
     chains: Sequence[Chain],
-    grasps: Sequence[Grasp],
+    grasps: Sequence[ScoredGrasp],
     gripper: Gripper,
     *,
     simulated: Sequence[int] | None = None,
@@ -90,7 +90,9 @@ def judge_grasps(
     return judged
 
 
-def plan_on_truth(scene: StringScene, chains: Sequence[Chain], grasps: Sequence[Grasp]) -> list[PlannedGrasp | None]:
+def plan_on_truth(
+    scene: StringScene, chains: Sequence[Chain], grasps: Sequence[ScoredGrasp]
+) -> list[PlannedGrasp | None]:
     """Return each grasp with its true string and the arc length along it, or None if its chain matches no string.
 
     The chains are matched to the strings as in `cell.simulation.evaluation`. The arc length is that of the nearest
@@ -111,7 +113,7 @@ def plan_on_truth(scene: StringScene, chains: Sequence[Chain], grasps: Sequence[
     return planned
 
 
-def _true_arc_length(curve: NDArray[np.float64], closed: bool, match: ChainMatch, grasp: Grasp) -> float:
+def _true_arc_length(curve: NDArray[np.float64], closed: bool, match: ChainMatch, grasp: ScoredGrasp) -> float:
     """Return the arc length of a grasp along its true string, metres."""
     s = arc_length(curve)
     by_share = match.arc_length_on_string(grasp.s_m)

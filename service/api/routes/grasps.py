@@ -16,8 +16,7 @@ from calibration.storage.hand_eye_file import HandEye
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
 from recognition.grasping.flange_poses import T_flange_tcp
 from recognition.grasping.gripper import Gripper
-from recognition.model.document import GraspDocument, GraspDocuments
-from recognition.model.schema_1 import SCHEMA_1, convert
+from recognition.model.document import GraspDocument
 from service.api.dependencies import Context, Id, Service, find_scan
 from service.api.file_responses import NOT_MODIFIED, IfNoneMatch, matches, not_modified_response, stat_file
 from service.api.problem_responses import problem_responses
@@ -46,7 +45,7 @@ _RESPONSES: dict[int | str, dict[str, Any]] = (
         "viewpoints-unreachable",
     )
 )
-_GRASPS = TypeAdapter(GraspDocuments)
+_GRASPS = TypeAdapter(list[GraspDocument])
 
 Chain = Annotated[int | None, Query(ge=0, description="Id of a chain; only its grasps are listed")]
 MinS = Annotated[
@@ -150,8 +149,6 @@ async def get_grasps(
     it names the calibration that is active. If another gripper is configured now, reach is refused: recognise the scan
     again. The first 20 grasps take about 0.1 s, and all grasps of a scene up to a second. Filters keep the ids and the
     order.
-
-    Those of a model of schema `pointchain/1` are converted to `pointchain/2`.
     """
     choice = _Choice(chain, min_s_m, max_s_m, min_clearance_m, count, reachable, reach)
 
@@ -220,18 +217,12 @@ def _select(scan: ScanRow, service: Context, choice: _Choice, inputs: _Inputs, e
     """Return the grasps that meet the conditions of the request, apart from reach and count.
 
     Raises:
-        ProblemError: `damaged`: The file is not a model. `no-result`: The model is too old and has no grasps.
-            `invalid-parameters`: The conditions do not fit the chains of the model.
+        ProblemError: `damaged`: The file is not a model. `invalid-parameters`: The conditions do not fit the chains of
+            the model.
     """
     path = result_path(scan, service, MODEL)
     try:
         model = json.loads(path.read_bytes())
-        if "grasps" not in model:
-            raise ProblemError(
-                "no-result", f"scan {scan.id} is from an older version and has no grasps: scan again", scan=scan.id
-            )
-        if model["schema"] == SCHEMA_1:
-            model = convert(model)
         grasps = _GRASPS.validate_python(model["grasps"])
         closed = {chain["id"]: chain["closed"] for chain in model["chains"]}
     except (ValidationError, ValueError, KeyError, TypeError, OSError) as error:

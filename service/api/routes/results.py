@@ -60,7 +60,7 @@ async def get_model(
     if_none_match: IfNoneMatch,
     since: Since = None,
 ) -> Response:
-    """Return the point chain model. A result of an earlier release has its own schema, for example `pointchain/1`.
+    """Return the point chain model.
 
     With `since`, the model has the member `since`: which chain of the other scan is which chain of this one, how it
     moved, and what is new or gone.

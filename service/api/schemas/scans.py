@@ -232,7 +232,7 @@ class ScanSummary(ApiModel):
     chains: int
     crossings: int
     verdict: Verdict
-    """Verdict on the whole model, as in the model. `review` for results of schema `pointchain/1`."""
+    """Verdict on the whole model, as in the model."""
     doubts: list[FindingDocument]
     """The doubts and blocking findings of the model, the most serious first, at most 20."""
     doubt_count: int

@@ -23,7 +23,7 @@ from cell.recording import read_recording
 from cell.simulation.devices.world import simulated_world, world_truth
 from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import truth_path
-from recognition.model.grasps import Grasp, GraspMotion
+from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from service.cli.commands.scan import ScanOptions, take_scan
 from service.processing.reach_finder import ReachFinder
@@ -117,8 +117,8 @@ def describe_best_grasp(found: Iterable[tuple[Grasp, GraspReach]]) -> list[str]:
     """
     reasons: Counter[str | None] = Counter()
     for grasp, reach in found:
-        if reach.q_pregrasp_rad is not None and reach.q_grasp_rad is not None and grasp.T_base_flange is not None:
-            return _describe_grasp(grasp, grasp.T_base_flange, reach.q_pregrasp_rad, reach.q_grasp_rad)
+        if reach.q_pregrasp_rad is not None and reach.q_grasp_rad is not None:
+            return _describe_grasp(grasp, reach.q_pregrasp_rad, reach.q_grasp_rad)
         reasons[reach.message] += 1
     if not reasons:
         return ["Best grasp         none: the model has no grasps"]
@@ -126,9 +126,8 @@ def describe_best_grasp(found: Iterable[tuple[Grasp, GraspReach]]) -> list[str]:
     return [f"Best grasp         none that the arm can reach: {shown}"]
 
 
-def _describe_grasp(
-    grasp: Grasp, motion: GraspMotion, q_pregrasp_rad: NDArray[np.float64], q_grasp_rad: NDArray[np.float64]
-) -> list[str]:
+def _describe_grasp(grasp: Grasp, q_pregrasp_rad: NDArray[np.float64], q_grasp_rad: NDArray[np.float64]) -> list[str]:
+    motion = grasp.T_base_flange
     poses = {"pre-grasp": motion.pregrasp, "grasp": motion.grasp, "retreat": motion.retreat}
     flange = ", ".join(f"{name} {_numbers(T[:3, 3] * 1000, 1)}" for name, T in poses.items())
     return [

@@ -258,8 +258,6 @@ class Client:
     def model(self, scan: Scan | str, since: ScanRef | None = None) -> Model:
         """Return the model of a scan as arrays.
 
-        A scan of an earlier release may have a model of schema `pointchain/1`. Each of its messages becomes a doubt.
-
         Args:
             scan: The scan, or its id.
             since: An earlier scan of the same table, its model, or its id. `model.since` then has the changes since
@@ -267,7 +265,7 @@ class Client:
 
         Raises:
             ScanFailedError: The scan has no model.
-            ModelError: The document is not a model of a known schema.
+            ModelError: The document is not a model of schema `pointchain/2`.
             ProblemError: The service refused the request.
             UnreachableError: The service cannot be reached.
         """

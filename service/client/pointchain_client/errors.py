@@ -80,4 +80,4 @@ class AnswerError(ClientError, ValueError):
 
 
 class ModelError(ClientError, ValueError):
-    """A document is not a model of a known schema. The message names the member at fault."""
+    """A document is not a model of schema `pointchain/2`. The message names the member at fault."""

@@ -76,7 +76,6 @@ def test_all_results_are_in_the_base_frame(lifted: Recognition) -> None:
         assert np.linalg.norm(chain.points - grasp.T_base_grasp[:3, 3], axis=1).min() < 0.002
         # the approach is perpendicular to the table
         assert grasp.T_base_grasp[:3, 2] @ normal == pytest.approx(-1.0, abs=1e-4)
-        assert grasp.T_base_flange is not None
         assert grasp.T_base_flange.pregrasp[:3, 2] @ normal == pytest.approx(-1.0, abs=1e-4)
 
 

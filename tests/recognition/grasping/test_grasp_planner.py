@@ -9,13 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
+from recognition.grasping.grasp_list import list_grasps
 from recognition.grasping.grasp_planner import MIN_REACH_SHARE
 from recognition.grasping.gripper import Gripper
+from recognition.grasping.obstacles import gather_obstacles
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.model import PointChainModel
+from recognition.registration.fusion import VOXEL_RADII
 from tests.recognition.straight_strings import (
     GRIPPER,
     HALF_FINGER,
+    NOTHING,
     PARAMETERS,
     TABLE_Z,
     R,
@@ -192,8 +196,11 @@ def test_grasps_on_random_chains_are_possible(chains: tuple[Chain, ...], count: 
 
 
 def test_the_document_holds_grasps_to_a_micrometre() -> None:
-    grasps, _ = grasps_of(straight(degrees=33))
-    document = PointChainModel("enhanced", PARAMETERS, (straight(degrees=33),), grasps=grasps).to_json()
+    string = straight(degrees=33)
+    found, _ = grasps_of(string)
+    obstacles = gather_obstacles((string,), NOTHING, VOXEL_RADII * R)
+    grasps = list_grasps(found, (string,), (), obstacles, GRIPPER)
+    document = PointChainModel("enhanced", PARAMETERS, (string,), grasps=grasps).to_json()
     assert len(document["grasps"]) == len(grasps)
     written, grasp = document["grasps"][0], grasps[0]
     np.testing.assert_allclose(written["T_base_grasp"], grasp.T_base_grasp, rtol=0, atol=5e-7)

@@ -10,7 +10,7 @@ from recognition.grasping.grasp_planner import GraspSet
 from recognition.grasping.trusted_grasps import select_trusted_grasps
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import Finding, finding
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 from recognition.model.trust import CROSSING_PART_RADII
 from tests.recognition.straight_strings import GRIPPER, HALF_FINGER, R, chain, grasps_of, straight
 
@@ -27,7 +27,7 @@ def doubt(start_m: float, stop_m: float, number: int = 0) -> Finding:
     return finding("connection-uncertain", "m", chains=(number,), s_range_m=(start_m, stop_m))
 
 
-def keys(grasps: Sequence[Grasp]) -> list[tuple[int, float, float]]:
+def keys(grasps: Sequence[ScoredGrasp]) -> list[tuple[int, float, float]]:
     """Return what identifies the grasps, in their order."""
     return [(grasp.chain, grasp.s_m, grasp.score) for grasp in grasps]
 

@@ -11,7 +11,7 @@ from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.errors import ModelError
-from recognition.model.document import LATER_GRASP_MEMBERS, ModelDocument
+from recognition.model.document import ModelDocument
 from recognition.model.findings import finding
 from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise
@@ -46,15 +46,6 @@ def test_a_document_gives_the_model_that_wrote_it(model: PointChainModel, docume
     assert again.to_json()["quality"] == document["quality"]
     assert again.to_json()["topology"] == document["topology"]
     assert again.to_json()["grasps"] == document["grasps"]
-
-
-def test_grasps_of_an_earlier_release_are_numbered(document: dict[str, Any]) -> None:
-    for grasp in document["grasps"]:
-        for name in ("id", "cluster", *LATER_GRASP_MEMBERS):
-            del grasp[name]
-    grasps = PointChainModel.from_json(document).grasps
-    assert [(grasp.id, grasp.cluster) for grasp in grasps] == [(k, k) for k in range(len(document["grasps"]))]
-    assert {(grasp.sigma_m, grasp.T_base_flange, grasp.chains_above) for grasp in grasps} == {(None, None, ())}
 
 
 def test_rounded_numbers_are_not_changed_by_reading(document: dict[str, Any]) -> None:
@@ -113,9 +104,18 @@ def test_a_document_that_contradicts_itself_is_refused(document: dict[str, Any])
         PointChainModel.from_json(document)
 
 
+@pytest.mark.parametrize("schema", ["pointchain/1", "pointchain/3"])
+def test_a_document_of_another_schema_is_refused(document: dict[str, Any], schema: str) -> None:
+    with pytest.raises(ModelError, match=f"is of schema '{schema}'; this version of Pointchain reads 'pointchain/2'"):
+        PointChainModel.from_json(document | {"schema": schema})
+
+
 def test_a_document_that_is_not_a_model_is_refused(document: dict[str, Any]) -> None:
-    with pytest.raises(ModelError, match="not a point chain model: schema"):
-        PointChainModel.from_json(document | {"schema": "pointchain/3"})
+    with pytest.raises(ModelError, match="not a point chain model: schema: Field required"):
+        PointChainModel.from_json({name: value for name, value in document.items() if name != "schema"})
+    grasp = {name: value for name, value in document["grasps"][0].items() if name != "sigma_m"}
+    with pytest.raises(ModelError, match=r"grasps\.0\.sigma_m: Field required"):
+        PointChainModel.from_json(document | {"grasps": [grasp]})
     chain = document["chains"][0]
     with pytest.raises(ModelError, match=r"chains\.0\.sigma_m\.0: .*finite"):
         PointChainModel.from_json(document | {"chains": [chain | {"sigma_m": [float("nan"), *chain["sigma_m"][1:]]}]})

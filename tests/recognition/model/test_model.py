@@ -1,25 +1,33 @@
-"""The JSON document of the model has the keys of the contract and the values of the arrays."""
+"""The JSON document of the model has the keys of the contract and the values of the arrays. Broken ones are refused."""
 
+import copy
 import json
 import math
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from recognition.errors import ModelError
 from recognition.model.chains import Chain, Crossing, StrandPoint
 from recognition.model.findings import finding
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import Grasp, GraspMotion
 from recognition.model.model import METHODS, PointChainModel
 from recognition.model.quality import Quality, ViewQuality
 from recognition.parameters import ChainParameters
 
 T_BASE_GRASP = np.array([(0.6, -0.8, 0, 0.1), (-0.8, -0.6, 0, -0.2), (0, 0, -1, 1 / 3), (0, 0, 0, 1)])
 SQUARE = np.array([(0, 0, 0), (0.03, 0, 0), (0.03, 0.04, 0), (0, 0.04, 0)])
+GRASP = Grasp(
+    1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3, trusted=False,
+    id=0, cluster=0, sigma_m=0.0003, end_distance_m=0.02, over_distance_m=0.03, under_distance_m=None,
+    chains_above=(0,), object_above_m=None, T_base_flange=GraspMotion(T_BASE_GRASP, T_BASE_GRASP, T_BASE_GRASP),
+)  # fmt: skip
 
 
 def chain(number: int, points: np.ndarray, closed: bool = False) -> Chain:
@@ -62,7 +70,7 @@ def model(table_1: ChainParameters) -> PointChainModel:
         (crossing(0, (0, 0.09), (0, 0.02), 1), crossing(1, (1, 0.05), (0, 0.04), -1)),
         Quality(views, findings),
         {"preprocess": 0.05123456789},
-        grasps=(Grasp(1, 0.02, T_BASE_GRASP, 0.0124, 0.0032, 0.03, 0.001, 2 / 3, trusted=False),),
+        grasps=(GRASP,),
     )
 
 
@@ -216,3 +224,63 @@ def test_lengths_by_hand() -> None:
 
 def test_methods_are_the_papers_two_and_ours() -> None:
     assert METHODS == ("matching", "enhanced", "graph")
+
+
+def paths(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the paths of all members and elements of a document."""
+    if path:
+        yield path
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, member in members:
+        yield from paths(member, (*path, key))
+
+
+def changed(document: dict[str, Any], path: tuple[Any, ...], change: Callable[[Any, Any], None]) -> dict[str, Any]:
+    """Return the document after `change(container, key)` at a path."""
+    broken: dict[str, Any] = copy.deepcopy(document)
+    container: Any = broken
+    for key in path[:-1]:
+        container = container[key]
+    change(container, path[-1])
+    return broken
+
+
+def read(broken: dict[str, Any]) -> PointChainModel | None:
+    """Return the model of a document, or None if it is refused with a ModelError."""
+    try:
+        return PointChainModel.from_json(broken)
+    except ModelError:
+        return None
+
+
+@pytest.mark.parametrize("broken", [None, [], "pointchain/2", 1, {}, {"schema": "pointchain/2"}, {"schema": None}])
+def test_a_value_that_is_not_a_document_is_refused(broken: Any) -> None:
+    with pytest.raises(ModelError):
+        PointChainModel.from_json(broken)
+
+
+def test_a_document_without_one_of_its_members_is_refused(model: PointChainModel) -> None:
+    document = model.to_json()
+    optional = {("timing_s", "preprocess")}
+    optional |= {("quality", "findings", 0, name) for name in ("chains", "crossing", "value", "limit")}
+    optional |= {("quality", "findings", 1, "view")}
+    members = [path for path in paths(document) if isinstance(path[-1], str)]
+    without = {path: changed(document, path, lambda container, key: container.pop(key)) for path in members}
+    assert {path for path in members if read(without[path]) is not None} == optional
+
+
+ODD_VALUES: tuple[Any, ...] = (
+    None, True, -1, 10**30, 0.5, float("nan"), float("inf"), "", "x", [], [None], [[]], {}, {"id": 0}, [{}],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("value", ODD_VALUES, ids=repr)
+def test_a_document_with_an_odd_value_anywhere_is_a_model_or_a_model_error(model: PointChainModel, value: Any) -> None:
+    document = model.to_json()
+
+    def put(container: Any, key: Any) -> None:
+        container[key] = value
+
+    models = [read(changed(document, path, put)) for path in paths(document)]
+    # Most values are refused in most positions.
+    assert models.count(None) > len(models) / 4

@@ -18,7 +18,6 @@ from recognition.request import RecognitionRequest
 from service.batch.errors import BatchError
 from service.batch.model_diff import compare_models
 from service.cli.main import main
-from tests.service.schema_1 import as_schema_1
 
 Document = dict[str, Any]
 ERROR: Document = {"schema": "pointchain/2", "error": {"type": "urn:pointchain:no-depth", "detail": "no depth"}}
@@ -126,39 +125,6 @@ def test_a_blocking_finding_is_a_change_but_a_note_is_not(knot: Document):
     assert compare_models("knot", with_findings(knot), with_findings(knot, note), 1e-5).kind == "same"
 
 
-def test_a_document_of_schema_1_is_compared_with_one_of_schema_2(knot: Document):
-    accepted = with_findings(knot)
-    change = compare_models("knot", as_schema_1(knot), accepted, 1e-5)
-    assert (change.kind, change.what) == ("findings", "1 pointchain-1 became 0")
-    change = compare_models("knot", accepted, as_schema_1(knot), 1e-5)
-    assert (change.kind, change.what) == ("findings", "0 pointchain-1 became 1")
-    # The order and the direction of chains were not canonical.
-    change = compare_models("knot", as_schema_1(changed(knot, reverse)), accepted, 1e-5)
-    assert (change.kind, change.what) == ("findings", "1 pointchain-1 became 0")
-    change = compare_models("knot", as_schema_1(changed(knot, exchange)), accepted, 1e-5)
-    assert change.kind == "topology"
-    assert "over and under exchanged at 1" in change.what
-    doubtful = as_schema_1(knot, ["over or under?"], ["view 3 was excluded"])
-    change = compare_models("knot", doubtful, accepted, 1e-5)
-    assert (change.kind, change.what) == ("findings", "3 pointchain-1 became 0")
-    assert compare_models("knot", doubtful, doubtful, 1e-5).kind == "same"
-    error = ERROR | {"schema": "pointchain/1"}
-    assert compare_models("knot", error, ERROR, 1e-5).kind == "same"
-    assert compare_models("knot", error, accepted, 1e-5).kind == "gained"
-
-
-def test_lines_of_an_earlier_release_are_compared(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    before = write(tmp_path / "a.jsonl", [named(as_schema_1(knot), "a"), named(as_schema_1(knot, ["a bar?"]), "b")])
-    after = write(tmp_path / "b.jsonl", [named(with_findings(knot), name) for name in "ab"])
-    assert main(["compare", str(before), str(after)]) == 1
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == ["2", "doubts", "changed"]
-    assert lines[1:3] == [
-        ["doubts", "changed", f"{name}.mcap", count, "pointchain-1", "became", "0"]
-        for name, count in (("a", "1"), ("b", "2"))
-    ]
-
-
 @pytest.mark.parametrize("radius_m", [0.03, 0.06, 0.1])
 def test_a_ring_with_another_start_or_direction_is_the_same(knot: Document, radius_m: float):
     """Check rings with 1 micrometre of error: a chord of half a millimetre is off an arc of 30 mm radius by that."""
@@ -199,6 +165,10 @@ def test_another_error_is_a_change():
 def test_a_document_of_another_schema_is_rejected(knot: Document):
     with pytest.raises(BatchError, match="not of schema"):
         compare_models("knot", knot, {"chains": 3}, 1e-5)
+    other = knot | {"schema": "pointchain/1"}
+    for before, after in ((other, knot), (knot, other)):
+        with pytest.raises(BatchError, match="knot: the document is of schema 'pointchain/1'; this version"):
+            compare_models("knot", before, after, 1e-5)
 
 
 def write(path: Path, documents: list[Document]) -> Path:

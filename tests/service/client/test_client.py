@@ -16,8 +16,7 @@ import pytest
 
 from pointchain_client import Client, ProblemError, ScanFailedError, ScanProgress, UnansweredError, UnreachableError
 from tests.service.client.answers import KINDS, open_planner
-from tests.service.conftest import PATIENCE_S, Serve, ServedClient, wait_until
-from tests.service.schema_1 import store_as_schema_1
+from tests.service.conftest import PATIENCE_S, Serve, wait_until
 
 
 @pytest.fixture(params=KINDS)
@@ -71,22 +70,6 @@ def test_the_model_says_which_positions_are_trusted(planner: Client, recording: 
     assert not any(grasp.trusted or model.trusted(grasp.chain, grasp.s_m) for grasp in model.grasps)
 
 
-@pytest.mark.parametrize("warnings", [[], ["view 3 was excluded: it moved"]])
-def test_a_stored_model_of_schema_1_is_read(
-    planner: Client, client: ServedClient, recording: str, warnings: list[str]
-) -> None:
-    scan = planner.replay(recording, timeout_s=PATIENCE_S)
-    old = store_as_schema_1(client, scan.id, warnings=warnings)
-    model = planner.model(scan)
-    assert {(found.code, found.severity) for found in model.quality.findings} == {("pointchain-1", "doubt")}
-    assert [found.message for found in model.quality.findings][1:] == warnings
-    assert model.quality.verdict == "review"
-    assert not model.trusted(0)
-    assert model.chains[0].points.tolist() == old["chains"][0]["points"]
-    assert len(model.grasps) == len(old["grasps"]) > 50
-    assert not any(grasp.trusted for grasp in model.grasps)
-
-
 def test_a_model_has_its_changes_since_another_scan(planner: Client, recording: str) -> None:
     before = planner.replay(recording, timeout_s=PATIENCE_S)
     scan = planner.replay(recording, timeout_s=PATIENCE_S)
@@ -126,7 +109,6 @@ def test_grasps_are_listed_filtered_and_checked_for_reach(planner: Client, recor
     assert {grasp.reach for grasp in found.grasps} == {None}, "the reach of a recording is determined on request"
     assert found.reachable == ()
     for grasp, of_model in zip(found.grasps, model.grasps, strict=True):
-        assert grasp.T_base_flange is not None
         tip = (grasp.T_base_flange.grasp @ found.T_flange_tcp)[:3, 3]
         # the fingertips are `reach_m` beyond the centre line
         wanted = grasp.T_base_grasp[:3, 3] + grasp.reach_m * grasp.T_base_grasp[:3, 2]

@@ -65,7 +65,6 @@ def test_the_first_program_prints_a_grasp_that_the_arm_reaches(
     assert isinstance(best, Grasp)
     assert best.reach is not None
     assert best.reach.path_free
-    assert best.T_base_flange is not None
     assert f"moveJ to {best.reach.q_pregrasp_rad} open to {best.opening_m} moveL" in output
     assert str(best.T_base_flange.grasp) in output
 

@@ -18,7 +18,6 @@ from pointchain_client.documents.decoding import (
     derived,
 )
 from pointchain_client.documents.findings import Finding, Verdict
-from pointchain_client.documents.schema_1 import SCHEMA_1, convert
 from pointchain_client.errors import ModelError
 
 SCHEMA = "pointchain/2"
@@ -181,26 +180,26 @@ class Grasp:
     """Quality of the grasp, from 0 to 1 (best)."""
     trusted: bool
     """Whether no doubt concerns the part of the string between the fingers."""
-    id: int = 0
+    id: int
     """Number of the grasp in the model, from 0. It is the index in the list."""
-    cluster: int = 0
+    cluster: int
     """Cluster of neighbouring grasps on a chain. Its first grasp is its best, and the others are within 20 mm of it
     along the string."""
-    sigma_m: float | None = None
-    """Largest sigma of the string between the fingers, metres. None in models of earlier releases."""
-    end_distance_m: float | None = None
+    sigma_m: float
+    """Largest sigma of the string between the fingers, metres."""
+    end_distance_m: float | None
     """Distance to the nearest end along the string, metres. None on a ring."""
-    over_distance_m: float | None = None
+    over_distance_m: float | None
     """Distance along the string to the nearest crossing where it is the upper strand, metres, or None."""
-    under_distance_m: float | None = None
+    under_distance_m: float | None
     """Distance along the string to the nearest crossing where it is the lower strand, metres, or None."""
-    chains_above: tuple[int, ...] = ()
+    chains_above: tuple[int, ...]
     """Chains that lie, or may lie, over this string within 60 mm of the grasp along it. A lift takes them along."""
-    object_above_m: float | None = None
+    object_above_m: float | None
     """Height above the grasp of the lowest object that lies over this string within 60 mm of the grasp, metres. None if
     no object is in the way of a lift of 60 mm."""
-    T_base_flange: GraspMotion | None = None
-    """Poses of the flange that carry out the grasp. None in models of earlier releases."""
+    T_base_flange: GraspMotion
+    """Poses of the flange that carry out the grasp."""
     reach: GraspReach | None = None
     """Whether the arm can carry out the grasp. None in models, and where the reach was not determined."""
 
@@ -429,20 +428,20 @@ class Model:
     def from_json(cls, document: Mapping[str, Any]) -> Self:
         """Return the model of a JSON document.
 
-        A document of schema `pointchain/1` is converted. Its messages have no codes, so each of them becomes a doubt.
-
         Args:
             document: The document. Unknown members are ignored.
 
         Raises:
-            ModelError: The document is not a model of a known schema, or it contradicts itself. The message names the
-                member at fault.
+            ModelError: The document is not a model of schema `pointchain/2`, or it contradicts itself. The message
+                names the member at fault.
         """
         try:
             if not isinstance(document, Mapping):
                 raise DecodeError(f"the document must be an object, not {type(document).__name__}")
-            is_old = document.get("schema") == SCHEMA_1
-            model = decode(cls, convert(document) if is_old else document)
+            schema = document.get("schema")
+            if isinstance(schema, str) and schema != SCHEMA:
+                raise DecodeError(f"the document is of schema {schema!r}; this version of the client reads {SCHEMA!r}")
+            model = decode(cls, document)
             _check(model)
         except DecodeError as error:
             raise ModelError(f"not a point chain model: {error}") from error
@@ -474,9 +473,7 @@ class Model:
 
 
 def _check(model: Model) -> None:
-    """Raise DecodeError if a model has another schema or frame, or if it contradicts itself."""
-    if model.schema != SCHEMA:
-        raise DecodeError(f"the member schema must be {SCHEMA} or {SCHEMA_1}, not {model.schema!r}")
+    """Raise DecodeError if a model has another frame, or if it contradicts itself."""
     if model.frame != FRAME:
         raise DecodeError(f"the member frame must be {FRAME}, not {model.frame!r}")
     for chain in model.chains:

@@ -8,7 +8,7 @@ from cell.simulation.benchmark.grasp_counts import JudgedGrasps, count_grasps, j
 from cell.simulation.benchmark.tables import grasps_table
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 
 R = 0.004
 
@@ -21,10 +21,10 @@ def scene() -> StringScene:
     return StringScene("bar-0", R, (line,), (Box((0.013, 0.0), (0.010, 0.04, 0.005), 0.0),))
 
 
-def grasp(*, x: float = 0.0, y: float, reach_m: float = 0.003) -> Grasp:
+def grasp(*, x: float = 0.0, y: float, reach_m: float = 0.003) -> ScoredGrasp:
     T = np.diag([-1.0, 1.0, -1.0, 1.0])
     T[:3, 3] = x, y, R
-    return Grasp(0, y + 0.1, T, 0.014, reach_m, 0.03, R - reach_m, 1.0)
+    return ScoredGrasp(0, y + 0.1, T, 0.014, reach_m, 0.03, R - reach_m, 1.0)
 
 
 def test_each_contact_counts(scene: StringScene) -> None:

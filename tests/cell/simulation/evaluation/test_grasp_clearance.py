@@ -11,7 +11,7 @@ from cell.simulation.evaluation.grasp_clearance import FAR_M, GraspClearance, gr
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.grasping.gripper import Gripper, swept_distance
-from recognition.model.grasps import Grasp
+from recognition.model.grasps import ScoredGrasp
 
 R = 0.004
 GRIPPER = Gripper(finger_width_m=0.010, finger_thickness_m=0.005, finger_depth_m=0.040, stroke_m=0.085)
@@ -33,15 +33,15 @@ def scene(*boxes: Box, others: tuple[NDArray[np.float64], ...] = ()) -> StringSc
     return StringScene("hand-made", R, (line(), *others), boxes)
 
 
-def grasp(tilt_rad: float = 0.0, z: float = R, opening_m: float = 0.014, reach_m: float = 0.003) -> Grasp:
+def grasp(tilt_rad: float = 0.0, z: float = R, opening_m: float = 0.014, reach_m: float = 0.003) -> ScoredGrasp:
     """Return a grasp at the origin of the string: x across it, y along it, z down, tilted about y."""
     T = np.eye(4)
     T[:3, :3] = from_rotation_vector((0.0, 0.0, 0.0), (0.0, tilt_rad, 0.0))[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
     T[2, 3] = z
-    return Grasp(0, 0.1, T, opening_m, reach_m, 0.03, z - reach_m, 1.0)
+    return ScoredGrasp(0, 0.1, T, opening_m, reach_m, 0.03, z - reach_m, 1.0)
 
 
-def judge(hand_made: StringScene, requested: Grasp, error: NDArray[np.float64] | None = None) -> GraspClearance:
+def judge(hand_made: StringScene, requested: ScoredGrasp, error: NDArray[np.float64] | None = None) -> GraspClearance:
     (found,) = grasp_clearances([requested], hand_made, GRIPPER, error)
     return found
 

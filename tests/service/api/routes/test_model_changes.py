@@ -16,7 +16,6 @@ from service.api.response_cache import MAX_AGE_S
 from service.storage.data_folder import MODEL
 from tests.service.api.routes.test_scans import start, upload
 from tests.service.conftest import ServedClient
-from tests.service.schema_1 import store_as_schema_1
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
@@ -90,12 +89,3 @@ def test_a_model_that_cannot_be_read_is_reported(
         assert "pointchain doctor" in detail
     finally:
         path.write_bytes(whole)
-
-
-def test_changes_since_a_scan_of_an_earlier_release(
-    client: ServedClient, finished: Finished, later: dict[str, Any]
-) -> None:
-    old = finished(client, start(client, later["recording"]))
-    store_as_schema_1(client, old["id"])
-    changes = since(client, later, old["id"]).json()["since"]
-    assert [match["change"] for match in changes["matches"]] == ["unmoved", "unmoved"]

@@ -8,14 +8,11 @@ from typing import Any
 import httpx2
 import pytest
 
-from recognition.model.document import LATER_GRASP_MEMBERS
 from service.api.file_responses import matches
 from service.api.response_cache import MAX_AGE_S
-from service.api.schemas.grasps import GraspsDocument
 from service.storage.data_folder import CLOUD, MODEL
 from service.storage.store import Store
 from tests.service.conftest import ServedClient
-from tests.service.schema_1 import store_as_schema_1
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
@@ -61,25 +58,6 @@ def test_the_row_has_the_inputs_and_the_result_files(client: ServedClient, scan:
     assert (row.inputs["method"], row.inputs["string_radius_m"]) == ("graph", 0.0042)
     assert row.inputs["gripper"]["stroke_m"] == 0.085
     assert row.inputs["software"]
-
-
-def test_grasps_of_a_model_of_schema_1_are_converted(client: ServedClient, recording: str, finished: Finished) -> None:
-    body = {"mode": "replay", "recording": recording}
-    done = finished(client, client.post("/api/scans", json=body).headers["Location"])
-    old = store_as_schema_1(client, done["id"])
-    assert client.get(done["links"]["model"]).json() == old
-    answer = client.get(done["links"]["grasps"])
-    assert answer.status_code == 200, answer.text
-    GraspsDocument.model_validate_json(answer.content)
-    document = answer.json()
-    assert (document["schema"], document["frame"]) == ("pointchain/2", "base")
-    assert len(document["grasps"]) > 50
-    members = LATER_GRASP_MEMBERS | {"chains_above": [], "trusted": False, "reach": None}
-    assert document["grasps"] == [
-        grasp | members | {"id": number, "cluster": number} for number, grasp in enumerate(old["grasps"])
-    ]
-    again = client.get(done["links"]["grasps"], headers={"If-None-Match": answer.headers["ETag"]})
-    assert again.status_code == 304
 
 
 @pytest.mark.parametrize(("name", "link"), [(MODEL, "model"), (MODEL, "grasps"), (CLOUD, "cloud")])
