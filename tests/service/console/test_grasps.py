@@ -193,7 +193,7 @@ def test_no_motion_is_drawn_for_another_gripper(open_console: Open, crossed: Ser
 
 
 def test_no_motion_is_drawn_for_a_gripper_of_another_length(open_console: Open, crossed: ServedClient) -> None:
-    """The service may not know the gripper of a scan of an earlier release, but its flange poses show the length."""
+    """The service may not know the gripper of a scan, but the flange poses of its grasps show the length."""
     page = open_console(crossed).page
     show_grasp(page, GRIPPER | {"length_m": LENGTH_M + 0.02}, planned_length_m=LENGTH_M)
     expect(page.locator(".label3d.marked")).to_contain_text("grasp 0opening")

@@ -44,7 +44,7 @@ export function Changes({ scan, earlier, setEarlier, show }: ChangesProps) {
     if (before === undefined) return;
     const params = { path: { id: scan.id }, query: { since: id } };
     const { since } = await resultOf(api.GET("/api/scans/{id}/model", { params, ...longCall }));
-    if (since !== undefined) setEarlier({ scan: before, model: (await loadModel(id)).model, since: since as Since });
+    if (since !== undefined) setEarlier({ scan: before, model: await loadModel(id), since: since as Since });
   }
 
   if (known.length === 0) return failure && <Failed failure={failure} />;

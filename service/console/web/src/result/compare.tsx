@@ -107,7 +107,7 @@ function OtherMethod({ scan, method, done, shown, add, remove }: OtherProps) {
   const name = t(`method.${method}.name`);
 
   async function load(id: string): Promise<void> {
-    add({ method, model: (await loadModel(id)).model });
+    add({ method, model: await loadModel(id) });
   }
 
   useEffect(() => {

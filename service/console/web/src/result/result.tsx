@@ -91,7 +91,7 @@ function Result({ id }: { id: string }) {
         </header>
       )}
       <div class="doubts">
-        {scan !== null && <ScanNotes scan={scan} isEarlier={loaded.isEarlier} />}
+        {scan !== null && <ScanNotes scan={scan} />}
         <Failed failure={loaded.failure} />
         {model !== null && <Findings model={model} views={views} show={show} />}
       </div>

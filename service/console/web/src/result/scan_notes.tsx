@@ -14,14 +14,8 @@ import { onDemand } from "../ui/on_demand";
 
 const { Component: SourceNote } = onDemand(async () => (await import("./source_note")).SourceNote);
 
-interface ScanNotesProps {
-  scan: Scan;
-  /** An earlier release of the service made the model. */
-  isEarlier: boolean;
-}
-
 /** What a person must know about the scan as a whole: whether it shows the table as it is now. */
-export function ScanNotes({ scan, isEarlier }: ScanNotesProps) {
+export function ScanNotes({ scan }: { scan: Scan }) {
   return (
     <>
       {scan.problem && (
@@ -36,19 +30,7 @@ export function ScanNotes({ scan, isEarlier }: ScanNotesProps) {
       <NewerScanNote than={scan} />
       <CalibrationNote scan={scan} />
       {hasModel(scan) && <RadiusWarning scan={scan} />}
-      {isEarlier && <EarlierReleaseNote scan={scan} />}
     </>
-  );
-}
-
-/** Says that an earlier release of the service made the result. */
-function EarlierReleaseNote({ scan }: { scan: Scan }) {
-  const link = (content: preact.ComponentChildren) => <a href={addressOf("history", scan.id)}>{content}</a>;
-  return (
-    <p class="note warn">
-      {rich("result.earlier_release", { strong })}{" "}
-      {scan.links.reprocess !== null && rich("result.earlier_release_again", { link })}
-    </p>
   );
 }
 

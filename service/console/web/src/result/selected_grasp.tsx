@@ -53,26 +53,20 @@ export function SelectedGrasp({ scan, grasp, chain, reach, picked }: SelectedGra
       <dl>
         <dt>{t("result.grasp.string")}</dt>
         <dd>{stringText(grasp, chain)}</dd>
-        {T_base_flange !== null && (
-          <>
-            <dt>{t("result.grasp.reach")}</dt>
-            <dd>
-              <ReachText grasp={grasp} reach={reach} />
-            </dd>
-            <dt>{t("result.grasp.lift")}</dt>
-            <dd>{liftTexts(grasp).map(({ tone, text }) => <Remark key={text} tone={tone}>{text}</Remark>)}</dd>
-            <dt>{t("result.grasp.motion")}</dt>
-            <dd>
-              {t("result.grasp.motion_text", {
-                down: mm(apart_m(T_base_flange.pregrasp, T_base_flange.grasp), 0),
-                up: mm(apart_m(T_base_flange.grasp, T_base_flange.retreat), 0),
-              })}
-              {reach.sameGripper === false && (
-                <Remark tone="warn">{t("result.grasp.motion_other_gripper")}</Remark>
-              )}
-            </dd>
-          </>
-        )}
+        <dt>{t("result.grasp.reach")}</dt>
+        <dd>
+          <ReachText grasp={grasp} reach={reach} />
+        </dd>
+        <dt>{t("result.grasp.lift")}</dt>
+        <dd>{liftTexts(grasp).map(({ tone, text }) => <Remark key={text} tone={tone}>{text}</Remark>)}</dd>
+        <dt>{t("result.grasp.motion")}</dt>
+        <dd>
+          {t("result.grasp.motion_text", {
+            down: mm(apart_m(T_base_flange.pregrasp, T_base_flange.grasp), 0),
+            up: mm(apart_m(T_base_flange.grasp, T_base_flange.retreat), 0),
+          })}
+          {reach.sameGripper === false && <Remark tone="warn">{t("result.grasp.motion_other_gripper")}</Remark>}
+        </dd>
         <dt>{t("result.grasp.clearance")}</dt>
         <dd>{clearanceText(grasp)}</dd>
         {distances.length > 0 && (
@@ -85,11 +79,9 @@ export function SelectedGrasp({ scan, grasp, chain, reach, picked }: SelectedGra
         <dd>{percent(score)}</dd>
         <dt>{t("result.point.position")}</dt>
         <dd>{pointText(positionOf(T_base_grasp))}</dd>
-        {sigma_m !== null && (
-          <HintedEntry term="sigma" name={t("result.point.sigma")}>
-            {plusMinus(sigma_m)}
-          </HintedEntry>
-        )}
+        <HintedEntry term="sigma" name={t("result.point.sigma")}>
+          {plusMinus(sigma_m)}
+        </HintedEntry>
       </dl>
       <div class="row">
         <Copy value={copyOf(scan, grasp, reach)} />

@@ -23,7 +23,7 @@ export function ScanScreen() {
   useEffect(() => scrollTo(0, 0), [runningId]); // a scan that starts or ends is shown at the top
   const settling = useSettling(running.value !== null);
   const drawn = drawnScan();
-  const model = useLoaded(drawn?.id ?? null, drawn !== null && hasModel(drawn), async (id) => (await loadModel(id)).model);
+  const model = useLoaded(drawn?.id ?? null, drawn !== null && hasModel(drawn), loadModel);
   const listed = running.value ?? scan;
   const last = running.value === null && scan !== null && <LastScan scan={scan} />;
   const isNew = scan?.id === followed.value;

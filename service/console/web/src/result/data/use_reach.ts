@@ -37,21 +37,23 @@ const NOTHING: Known = { grasps: null, sameGripper: null };
 export function useReach(id: string, model: Model | null): Reach {
   const [answer, setAnswer] = useState(NOTHING);
   const checking = useAction();
-  const known = model === null ? null : model.grasps.some(({ T_base_flange }) => T_base_flange !== null);
+  const hasGrasps = model === null ? null : model.grasps.length > 0;
 
   async function ask(query: { reach?: boolean }): Promise<Known> {
     const call = api.GET("/api/scans/{id}/grasps", { params: { path: { id }, query }, ...longCall });
     const { grasps, same_gripper: sameGripper } = await resultOf(call);
-    return { grasps: new Map(grasps.map((grasp) => [grasp.id, grasp as Answered & { id: number }])), sameGripper };
+    const answered: unknown = grasps; // the client types poses as lists of any length
+    const byId = (answered as (Answered & { id: number })[]).map((grasp) => [grasp.id, grasp] as const);
+    return { grasps: new Map(byId), sameGripper };
   }
 
   const failure = useQuery(
     async () => {
-      if (known === null) return NOTHING;
-      return known ? ask({}) : { ...NOTHING, grasps: new Map() };
+      if (hasGrasps === null) return NOTHING;
+      return hasGrasps ? ask({}) : { ...NOTHING, grasps: new Map() };
     },
     setAnswer,
-    [id, known],
+    [id, hasGrasps],
   );
   async function check(): Promise<void> {
     setAnswer(await ask({ reach: true }));

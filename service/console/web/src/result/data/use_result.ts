@@ -6,8 +6,6 @@ import { useQuery } from "../../ui/use_query";
 import { changes } from "../../state/scans";
 import { hasModel, isActive } from "../../texts/states";
 import type { ViewPose } from "../../view3d/scene";
-import { completeGrasps } from "./earlier_grasps";
-import type { Schema1Model } from "./schema_1";
 
 /** A large cloud takes long over a slow network. */
 const LONG = { fetch: (call: Request) => request(call, 120) };
@@ -16,23 +14,16 @@ const LONG = { fetch: (call: Request) => request(call, 120) };
 interface Loaded {
   scan: Scan | null;
   model: Model | null;
-  /** An earlier release of the service made the model. */
-  isEarlier: boolean;
   cloud: ArrayBuffer | null;
   views: readonly ViewPose[];
 }
 
-const NOTHING: Loaded = { scan: null, model: null, isEarlier: false, cloud: null, views: [] };
+const NOTHING: Loaded = { scan: null, model: null, cloud: null, views: [] };
 
-/** Load the model of a scan, in the present schema. */
-export async function loadModel(id: string): Promise<{ model: Model; isEarlier: boolean }> {
+/** Load the model of a scan. */
+export async function loadModel(id: string): Promise<Model> {
   const document: unknown = await resultOf(api.GET("/api/scans/{id}/model", { params: { path: { id } }, ...LONG }));
-  const model = document as Model | Schema1Model; // the client types points as lists of any length
-  if (model.schema === "pointchain/1") {
-    const { fromSchema1 } = await import("./schema_1");
-    return { model: fromSchema1(model), isEarlier: true };
-  }
-  return { model: { ...model, grasps: completeGrasps(model.grasps) }, isEarlier: false };
+  return document as Model; // the client types points as lists of any length
 }
 
 /** Load the results of a scan one after the other, the model first. Those of a scan that runs are loaded at its end. */
@@ -45,7 +36,7 @@ export function useResult(id: string): Loaded & { failure: Failure | null } {
     const scan = await resultOf(api.GET("/api/scans/{id}", { params: { ...params } }));
     add({ scan });
     if (!hasModel(scan)) return;
-    add(await loadModel(id));
+    add({ model: await loadModel(id) });
     add({ views: (await resultOf(api.GET("/api/scans/{id}/views", { params }))).views });
     add({ cloud: await resultOf(api.GET("/api/scans/{id}/cloud.ply", { params, parseAs: "arrayBuffer", ...LONG })) });
   }

@@ -97,10 +97,10 @@ export function pointsOfMotion(grasp: Grasp, gripper: Gripper | null): Vector3[]
   );
 }
 
-/** Return the poses of the gripper; null if they are not known, or are for another length or rotation on the flange. */
+/** Return the poses of the gripper; null if it is not known, or has another length or rotation on the flange. */
 function motionOf(grasp: Grasp, gripper: Gripper | null): Motion | null {
   const { T_base_flange } = grasp;
-  if (T_base_flange === null || gripper === null || !isPlannedFor(grasp, gripper)) return null;
+  if (gripper === null || !isPlannedFor(grasp, gripper)) return null;
   const mounting = new Matrix4().makeRotationZ(gripper.mounting_rotation_rad);
   const poseOf = (T_base: Grasp["T_base_grasp"]) => matrixOf(T_base).multiply(mounting);
   return {

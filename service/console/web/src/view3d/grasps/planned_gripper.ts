@@ -12,7 +12,6 @@ export function lengthOf({ length_m }: Gripper): number {
 
 /** Return whether the flange poses of a grasp are for a gripper with this length and this rotation on the flange. */
 export function isPlannedFor({ T_base_grasp, T_base_flange, reach_m }: Grasp, gripper: Gripper): boolean {
-  if (T_base_flange === null) return false;
   const flange = T_base_flange.grasp;
   const [cos, sin] = [Math.cos(gripper.mounting_rotation_rad), Math.sin(gripper.mounting_rotation_rad)];
   const [planned, tips] = [ahead(T_base_grasp, reach_m), ahead(flange, lengthOf(gripper))];
