@@ -163,8 +163,8 @@ class VerificationView(_Document):
     """Rotation of the board relative to where it lay, radians."""
     expected_m: float
     """Expected root mean square of `deviation_m`, from the covariance of the calibration and the noise, metres."""
-    expected_rad: float | None = None
-    """Expected root mean square of `deviation_rad`, radians; null in verifications by an earlier version."""
+    expected_rad: float
+    """Expected root mean square of `deviation_rad`, radians."""
 
 
 class VerificationResource(_Document):
@@ -178,13 +178,13 @@ class VerificationResource(_Document):
     """Largest `deviation_m`; null without views."""
     expected_m: NumberOrNull
     """Largest `expected_m`; null without views."""
-    max_deviation_rad: NumberOrNull = None
-    """Largest `deviation_rad`; null without views, and in verifications by an earlier version."""
-    expected_rad: NumberOrNull = None
-    """Largest `expected_rad`; null without views, and in verifications by an earlier version."""
+    max_deviation_rad: NumberOrNull
+    """Largest `deviation_rad`; null without views."""
+    expected_rad: NumberOrNull
+    """Largest `expected_rad`; null without views."""
     board_displacement_m: float | None
     """Distance by which the board moved, metres, if the views agree that it did; otherwise null."""
-    board_rotation_rad: float | None = None
+    board_rotation_rad: float | None
     """Rotation of the board about its normal, radians; null if `board_displacement_m` is null."""
     views: list[VerificationView]
     """The views in which the board was seen."""

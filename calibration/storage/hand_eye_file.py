@@ -1,6 +1,6 @@
 """Read and activate hand-eye files: the camera pose on the flange, with camera, robot and time of the measurement.
 
-A hand-eye file is a JSON object with `schema_version` 2, `created` (ISO 8601 with a time zone), `camera_id`,
+A hand-eye file is a JSON object with `schema_version` 1, `created` (ISO 8601 with a time zone), `camera_id`,
 `robot_serial` and `T_flange_camera` as `{"xyz_m": [x, y, z], "quat_xyzw": [x, y, z, w]}`, metres. An unknown id or time
 is null. The file of a calibration result also has the accuracy and the findings, see `calibration.storage.document`.
 Unknown members are ignored.

@@ -14,13 +14,6 @@ from calibration.result import Verdict
 from calibration.storage.document import COVARIANCE
 from calibration.target.board import Board
 
-VERSION_1_NAMES = {
-    "covariance": {"side": "convention"},
-    "findings": {"words": "message", "refuses": "blocking"},
-    "metrics": {"eight_views_m": "repeatability_95_m"},
-    "verification": {"words": "message"},
-}
-"""Members of a hand-eye file of version 1 that are read and have another name in version 2, by their parent."""
 MAX_ASYMMETRY = 1e-6
 """Maximum asymmetry of a correlation matrix."""
 
@@ -29,15 +22,6 @@ JOINT_SHAPES = ((12, 12), (17, 17))
 
 _MATRIX = TypeAdapter(list[Annotated[list[float], Field(min_length=12, max_length=17)]], config=STRICT_CONFIG)
 NotNegative = Annotated[float, Field(ge=0)]
-
-
-def _rename_members(value: Any, names: dict[str, str]) -> Any:
-    """Rename the members of an object, or of each object in a list. Any other value is returned unchanged."""
-    if isinstance(value, dict):
-        return {names.get(name, name): item for name, item in value.items()}
-    if isinstance(value, list):
-        return [_rename_members(item, names) if isinstance(item, dict) else item for item in value]
-    return value
 
 
 def _covariance(matrix: list[list[float]]) -> list[list[float]]:
@@ -124,22 +108,12 @@ class Metrics(Form):
 class JudgedForm(Form):
     """Members that decide whether a calibration may be used. The transform of a refused calibration is not checked."""
 
-    schema_version: Literal[1, 2] = 1
+    schema_version: Literal[1] = 1
     mounting: Mounting = "eye-in-hand"
     T_base_camera: Any = None
     verdict: Verdict | None = None
     findings: Annotated[list[_Finding], Field(fail_fast=True)] | None = None
     verification: _Verification | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _convert_version_1(cls, document: dict[str, Any]) -> dict[str, Any]:
-        """Rename the members of a file of version 1."""
-        if document.get("schema_version", 1) != 1:
-            return document
-        return document | {
-            name: _rename_members(document[name], names) for name, names in VERSION_1_NAMES.items() if name in document
-        }
 
     @property
     def refusals(self) -> tuple[str, ...]:

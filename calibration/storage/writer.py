@@ -17,8 +17,8 @@ from calibration.observations import Observations
 from calibration.result import HandEyeResult
 from calibration.storage.document import result_document
 
-SCHEMA_VERSION = 2
-"""Version of the hand-eye file format. Version 1 has other names of members, see `schema.VERSION_1_NAMES`."""
+SCHEMA_VERSION = 1
+"""Version of the hand-eye file format."""
 MAX_DISTANCE_M = 1.0
 """Maximum distance between camera and flange, metres. A larger number is probably in millimetres."""
 

@@ -143,7 +143,7 @@ def moved(metres: float) -> dict[str, list[float]]:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"schema_version": 3}, "schema_version is 3; 1 or 2 is needed"),
+        ({"schema_version": 2}, "schema_version is 2; 1 is needed"),
         ({"T_flange_camera": ...}, "T_flange_camera is missing"),
         ({"T_flange_camera": {"xyz_m": [0, 0, 0]}}, "quat_xyzw is missing"),
         (

@@ -135,49 +135,6 @@ def test_the_file_has_the_convention_of_the_covariance(tmp_path: Path) -> None:
     assert document["board"]["scale_sigma"] == 0.0004
 
 
-def in_version_1(path: Path, **changes: Any) -> Path:
-    """Rewrite the file of a solved calibration as an earlier release wrote it."""
-    document = json.loads(path.read_text()) | {"schema_version": 1} | changes
-    document["covariance"]["side"] = document["covariance"].pop("convention")
-    document["metrics"]["eight_views_m"] = document["metrics"].pop("repeatability_95_m")
-    for finding in document["findings"]:
-        finding["words"], finding["refuses"] = finding.pop("message"), finding.pop("blocking")
-    path.write_text(json.dumps(document))
-    return path
-
-
-def test_a_file_of_version_1_is_read(tmp_path: Path) -> None:
-    got = load(in_version_1(written(tmp_path, result(WARNING))))
-    assert (got.verdict, got.findings, got.repeatability_95_m) == ("warn", (WARNING,), 7e-4)
-    assert got.covariance is not None
-    np.testing.assert_array_equal(got.covariance, covariance())
-
-
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({"findings": [as_json(WARNING), as_json(REFUSAL)], "verdict": None}, "views disagree by 4 mm"),
-        ({"verification": {"passed": False, "words": "the board appears 9 mm off", "views": [{}]}}, "appears 9 mm off"),
-    ],
-)
-def test_an_invalid_file_of_version_1_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
-    with pytest.raises(HandEyeRefusedError, match=expected):
-        load(in_version_1(written(tmp_path, result()), **changes))
-
-
-def test_a_covariance_of_version_1_in_another_frame_is_refused(tmp_path: Path) -> None:
-    path = in_version_1(written(tmp_path, result()))
-    path.write_text(path.read_text().replace('"side": "right', '"side": "left'))
-    with pytest.raises(HandEyeInvalidError, match="its convention is 'left"):
-        load(path)
-
-
-def test_version_2_has_no_names_of_version_1(tmp_path: Path) -> None:
-    path = in_version_1(written(tmp_path, result(REFUSAL)), schema_version=2)
-    with pytest.raises(HandEyeInvalidError, match=r"findings\[0\]\.message is missing"):
-        load(path)
-
-
 def test_warnings_are_stored_with_the_calibration(tmp_path: Path) -> None:
     got = load(written(tmp_path, result(WARNING)))
     assert (got.verdict, got.findings) == ("warn", (WARNING,))
