@@ -34,7 +34,7 @@ def result_path(scan: ScanRow, service: Context, name: str) -> Path:
 
 
 def hash_and_size(scan: ScanRow, name: str) -> dict[str, Any]:
-    """Return hash and size of a result, or nothing if an earlier release wrote it."""
+    """Return hash and size of a file of a result, or nothing if they are not recorded."""
     return (scan.files or {}).get(name, {})
 
 
@@ -66,8 +66,9 @@ def tag_of_height_map(scan: ScanRow, service: Context) -> str:
     """
     path = result_path(scan, service, HEIGHT_MAP)
     if HEIGHT_MAP not in (scan.files or {}):
-        reason = "no string was in view, or an earlier release made the result"
-        raise ProblemError("no-result", f"scan {scan.id} has no height map: {reason}", scan=scan.id)
+        raise ProblemError(
+            "no-result", f"scan {scan.id} has no height map, because no string was in view", scan=scan.id
+        )
     return stat_file(path, **hash_and_size(scan, HEIGHT_MAP))[1]
 
 

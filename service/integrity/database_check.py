@@ -10,7 +10,7 @@ from typing import Any
 
 from service.integrity.finding import REPAIR, Finding
 from service.integrity.row_decoding import UnreadableRowError, decode_row
-from service.storage.migrations import VERSION
+from service.storage.migrations import has_unknown_layout, latest_version
 from service.storage.rows import CalibrationRow, RecordingRow, Row, ScanRow, ViewRow
 from service.storage.storage_errors import is_locked
 
@@ -95,8 +95,7 @@ def check_database(database: Path, quick: bool) -> tuple[list[Finding], Rows | N
     where = str(database)
     try:
         with read_only(database) as db:
-            (version,) = db.execute("PRAGMA user_version").fetchone()
-            found = _damage(db, where, quick) or _version(where, version) or _tables(db, where)
+            found = _damage(db, where, quick) or _version(db, where) or _tables(db, where)
             if found:
                 return found, None
             db.execute("BEGIN")  # reads all rows from one snapshot
@@ -116,12 +115,17 @@ def _damage(db: sqlite3.Connection, where: str, quick: bool) -> list[Finding]:
     return [] if answers == ["ok"] else [_corrupt(where, "; ".join(answers[:3]))]
 
 
-def _version(where: str, version: int) -> list[Finding]:
-    if version > VERSION:
-        what = f"its tables have version {version}; this release knows version {VERSION}"
+def _version(db: sqlite3.Connection, where: str) -> list[Finding]:
+    if has_unknown_layout(db):
+        what = "it has tables that no release of Pointchain made"
+        return [Finding("database", "database-unknown", where, what, "use another data_dir", False)]
+    latest = latest_version()
+    (version,) = db.execute("PRAGMA user_version").fetchone()
+    if version > latest:
+        what = f"its tables have version {version}; this release knows version {latest}"
         return [Finding("database", "database-newer", where, what, "use a later release, or another data_dir", False)]
-    if version < VERSION:
-        what = f"its tables have version {version}; this release uses {VERSION}. The rows were not checked"
+    if version < latest:
+        what = f"its tables have version {version}; this release uses {latest}. The rows were not checked"
         return [Finding("database", "database-older", where, what, f"start the service once, or {REPAIR}", True)]
     return []
 

@@ -11,8 +11,7 @@ from typing import Any
 
 from calibration.atomic_write import sync_folder
 from service.integrity.database_check import TABLES, read_only
-from service.storage.database import migrate
-from service.storage.migrations import VERSION
+from service.storage.migrations import latest_version, migrate
 
 MAX_ROWID = 2**63 - 1
 """Largest row id of SQLite."""
@@ -52,13 +51,13 @@ def recover_database(database: Path, copy: Path) -> list[str]:
 
 
 def _version(copy: Path) -> int:
-    """Return the version of the tables, whose columns the rows have; the present one if it cannot be read."""
+    """Return the version of the tables, whose columns the rows have; the latest if it cannot be read."""
     try:
         with read_only(copy) as db:
             (version,) = db.execute("PRAGMA user_version").fetchone()
     except sqlite3.DatabaseError:
-        return VERSION
-    return version if 0 < version <= VERSION else VERSION
+        return latest_version()
+    return version if 0 < version <= latest_version() else latest_version()
 
 
 def _copy_table(copy: Path, new: sqlite3.Connection, table: str) -> str:

@@ -8,10 +8,10 @@ GROUPS: tuple[Group, ...] = ("data folder", "database", "recordings", "results",
 
 Code = Literal[
     "folder-unusable", "leftover", "database-missing", "database-corrupt", "database-older", "database-newer",
-    "database-locked", "database-inaccessible", "row-unreadable", "row-without-parent", "scan-unfinished",
-    "recording-missing", "recording-changed", "recording-without-row", "view-lost", "result-missing",
-    "result-changed", "picture-changed", "result-without-row", "calibration-unfinished", "calibration-missing",
-    "calibration-without-row", "tokens-open", "tokens-unreadable", "little-space",
+    "database-unknown", "database-locked", "database-inaccessible", "row-unreadable", "row-without-parent",
+    "scan-unfinished", "recording-missing", "recording-changed", "recording-without-row", "view-lost",
+    "result-missing", "result-changed", "picture-changed", "result-without-row", "calibration-unfinished",
+    "calibration-missing", "calibration-without-row", "tokens-open", "tokens-unreadable", "little-space",
 ]  # fmt: skip
 
 

@@ -33,7 +33,7 @@ from service.storage.store import Store
 MAX_ROUNDS = 5
 """Limit on repetitions of check and repair. One repair may cause another finding, such as a file without its row."""
 
-_BLOCKING_CODES = {"database-newer", "database-locked", "database-inaccessible"}
+_BLOCKING_CODES = {"database-newer", "database-unknown", "database-locked", "database-inaccessible"}
 """Findings that block every repair."""
 
 UNFINISHED = "the service ended while it was under way"

@@ -30,15 +30,13 @@ def recognition_inputs(
 
 
 def recorded_gripper(inputs: Mapping[str, Any] | None) -> Gripper | None:
-    """Return the gripper of the inputs of a scan; None if they have none, or that of an earlier release.
+    """Return the gripper of the inputs of a scan; None if they have none.
 
     Args:
         inputs: Inputs as `recognition_inputs` returned them.
     """
     values = (inputs or {}).get("request", {}).get("gripper")
-    if not isinstance(values, dict) or values.keys() != Gripper.__dataclass_fields__.keys():
-        return None
-    return TypeAdapter(Gripper).validate_python(values)
+    return None if values is None else TypeAdapter(Gripper).validate_python(values)
 
 
 def _view(view: ViewRow) -> dict[str, Any]:

@@ -898,9 +898,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         group="Correct the command or the configuration",
     ),
     "store-version": ProblemType(
-        title="The data folder is of a later version",
+        title="The data folder is of another version",
         status=None,
-        cause="A later version of Pointchain wrote the database of the data folder.",
+        cause="A later version of Pointchain, or none of its releases, wrote the database of the data folder.",
         action="Install that version, or use another data folder.",
         group="Correct the command or the configuration",
     ),

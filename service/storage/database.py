@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from service import clock as wall_clock
-from service.storage.migrations import MIGRATIONS, VERSION
+from service.storage.migrations import has_unknown_layout, latest_version, migrate
 from service.storage.rows import stored
 
 log = logging.getLogger(__name__)
@@ -31,7 +31,7 @@ Lists of scans and events take as long as with SQLite's default of 2,000 KiB.
 
 
 class StoreVersionError(ValueError):
-    """The database belongs to a later version of this software."""
+    """The database belongs to a later version of this software, or to none of its releases."""
 
     slug = "store-version"
 
@@ -97,7 +97,7 @@ class Database:
         other programs find it locked.
 
         Raises:
-            StoreVersionError: The tables are of a later version.
+            StoreVersionError: The tables are of a later version, or of none.
             sqlite3.Error: The database cannot be read, or its tables cannot be made.
         """
         self._path = path
@@ -203,34 +203,19 @@ class Database:
         return rows[0] if rows else None
 
     def _make_tables(self) -> None:
-        (version,) = self.all(tuple, "PRAGMA user_version")[0]
-        if version > VERSION:
+        with self.connection() as db:
+            is_unknown = has_unknown_layout(db)
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+        if is_unknown:
+            raise StoreVersionError(f"{self._path} has tables that no release of Pointchain made: use another data_dir")
+        if version > latest_version():
             raise StoreVersionError(
-                f"{self._path} has tables of version {version}, this software knows {VERSION}: "
+                f"{self._path} has tables of version {version}, this software knows {latest_version()}: "
                 "use a later release, or another data_dir"
             )
-        if version < VERSION:
+        if version < latest_version():
             with self.transaction() as db:
                 migrate(db)
-
-
-def migrate(db: sqlite3.Connection, version: int = VERSION) -> None:
-    """Create the tables of a version, or migrate those of an earlier one. The caller holds the transaction."""
-    (present,) = db.execute("PRAGMA user_version").fetchone()
-    for migration in MIGRATIONS[present:version]:
-        for statement in _statements(migration):
-            db.execute(statement)
-    db.execute(f"PRAGMA user_version = {version}")
-
-
-def _statements(script: str) -> Iterator[str]:
-    """Split a script: `executescript` would end the transaction. The body of a trigger contains semicolons."""
-    statement = ""
-    for line in script.splitlines(keepends=True):
-        statement += line
-        if sqlite3.complete_statement(statement):
-            yield statement
-            statement = ""
 
 
 def update(db: sqlite3.Connection, table: str, row_id: str, only_in: Sequence[str], values: dict[str, Any]) -> bool:

@@ -68,7 +68,7 @@ class ScanRow:
     timing: dict[str, Any] | None = None
     """Durations of the parts of the scan apart from its views, seconds, as JSON."""
     views: Views | None = None
-    """Number of viewpoints of a live scan, or `auto`; None if not known."""
+    """Number of viewpoints of a live scan, or `auto`; None for a replay."""
 
     def request(self, gripper: Gripper) -> RecognitionRequest:
         """Return how to recognise the scan for a gripper."""

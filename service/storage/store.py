@@ -26,7 +26,7 @@ class Store:
         """Open the store in a data folder.
 
         Raises:
-            StoreVersionError: The database belongs to a later version of the software.
+            StoreVersionError: The database belongs to a later version of the software, or to none of its releases.
         """
         self.folder = folder
         self.database = Database(folder.database)

@@ -95,7 +95,7 @@ class CalibrationView(ApiModel):
     """Cells of an 8 x 5 grid over the image (columns x rows) that contain corners.
 
     Numbered row by row from 0, the first cell of the top row. All views together give the coverage. Null until
-    the image is searched, and in runs of an earlier version.
+    the image is searched.
     """
     image: str | None
     """Address of the image."""

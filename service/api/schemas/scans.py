@@ -257,7 +257,7 @@ class ScanLinks(ApiModel):
     grasps: str | None
     cloud: str | None
     height_map: str | None
-    """Null also without a string in view, and for results of earlier releases."""
+    """Null also without a string in view."""
     preview: str | None
     thumbnail: str | None
     views: str | None

@@ -316,8 +316,7 @@ class Client:
         Raises:
             ValueError: A model does not say from which scan it is.
             ScanFailedError: The scan has no model.
-            ProblemError: `no-result`: The scan has no height map: no string was in view, or the result is of an earlier
-                release.
+            ProblemError: `no-result`: The scan has no height map, because no string was in view.
             UnreachableError: The service cannot be reached.
         """
         return self._run(flows.height_map(self._service, scan))

@@ -215,7 +215,7 @@ def test_an_unreadable_recording_is_a_lost_model_and_copies_are_distinguished(
 
 
 def test_the_exit_code_is_0_if_nothing_changed(knot: Document, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    before = write(tmp_path / "a.jsonl", [knot, knot])  # an older release printed no names
+    before = write(tmp_path / "a.jsonl", [knot, knot])  # lines without names
     assert main(["compare", str(before), str(before)]) == 0
     assert capsys.readouterr().out.split() == ["2", "unchanged"]
 

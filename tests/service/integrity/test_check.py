@@ -194,7 +194,7 @@ def test_a_damaged_picture_is_moved_to_lost_and_found_and_its_result_stays(
 ) -> None:
     path = data.root / "scans" / REPLAY / "preview.png"
     path.write_bytes(b"png\n")
-    assert data.codes() == set()  # an earlier release, which recorded no hash, drew it
+    assert data.codes() == set()  # no hash of it is recorded
     files = json.loads(str(data.row("SELECT files FROM scans WHERE id = ?", REPLAY)[0]))
     files["preview.png"] = {"sha256": hashlib.sha256(b"png\n").hexdigest(), "size_bytes": 4}
     data.change("UPDATE scans SET files = ? WHERE id = ?", json.dumps(files), REPLAY)

@@ -12,11 +12,10 @@ import pytest
 from service.integrity.database_check import TABLES
 from service.integrity.database_recovery import recover_database
 from service.integrity.repair import repair
-from service.jobs.submission import NOBODY, new_calibration, new_scan
-from service.storage.calibration_store import CalibrationStore
+from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
-from service.storage.database import Database, new_id, now
-from service.storage.migrations import MIGRATIONS, VERSION
+from service.storage.database import now
+from service.storage.migrations import MIGRATIONS, migrate
 from service.storage.store import Store
 from tests.service.stored_data import LIVE, REPLAY, UPLOAD, Data
 
@@ -94,53 +93,52 @@ def test_without_a_database_the_recordings_are_adopted(data: Data, content: byte
     assert (data.lost(REPLAY) / "model.json").exists()
 
 
-def test_a_database_of_a_newer_version_is_not_repaired(data: Data) -> None:
-    data.change("PRAGMA user_version = 99")
-    assert data.codes() == {"database-newer"}
-    assert [finding.code for finding in repair(data.store, pytest.fail).findings] == ["database-newer"]
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [("PRAGMA user_version = 99", "database-newer"), ("PRAGMA application_id = 0", "database-unknown")],
+)
+def test_a_database_of_another_version_is_not_repaired(data: Data, change: str, code: str) -> None:
+    data.change(change)
+    assert data.codes() == {code}
+    assert [finding.code for finding in repair(data.store, pytest.fail).findings] == [code]
 
 
+@pytest.fixture
+def next_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Add a made-up version of the tables, in which a column of the audit log has another name."""
+    step = "ALTER TABLE audit RENAME COLUMN who TO person;"
+    monkeypatch.setattr("service.storage.migrations.MIGRATIONS", (*MIGRATIONS, step))
+
+
+@pytest.mark.usefixtures("next_version")
 def test_tables_of_an_earlier_version_are_migrated(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db:
-        db.executescript(MIGRATIONS[0] + "PRAGMA user_version = 1")
+        migrate(db, 1)
     data = Data(tmp_path, ())
     assert data.codes() == {"database-older"}
     data.repair()
-    assert data.row("PRAGMA user_version") == (VERSION,)
+    assert data.row("PRAGMA user_version") == (2,)
 
 
+@pytest.mark.usefixtures("next_version")
 def test_the_readable_rows_of_an_earlier_version_are_recovered_and_migrated(tmp_path: Path) -> None:
     database = tmp_path / "pointchain.sqlite3"
     with closing(sqlite3.connect(database)) as db, db:
-        db.executescript("".join(MIGRATIONS[:7]) + "PRAGMA user_version = 7")
-        columns = "id, mode, method, state, fraction, created_at, asked_by"
-        rows = [(new_id(), "live", "graph", "failed", 0.0, now(), "Ada") for _ in range(300)]
-        db.executemany(f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        migrate(db, 1)
+        entry = (now(), "Ada", "operator", "stop", "ready", 200)
+        sql = "INSERT INTO audit (at, who, role, what, cell, status) VALUES (?, ?, ?, ?, ?, ?)"
+        db.executemany(sql, [entry] * 300)
     content = bytearray(database.read_bytes())
-    page = content.index(b"live", len(content) // 3) // 4096 * 4096  # in the middle of the rows
+    page = content.index(b"Ada", len(content) // 2) // 4096 * 4096  # in the middle of the rows
     content[page : page + 4096] = random.Random(1).randbytes(4096)
     database.write_bytes(content)
     data = Data(tmp_path, ())
     assert data.codes() == {"database-corrupt"}
     data.repair()
-    assert data.row("PRAGMA user_version") == (VERSION,)
-    (scans,) = data.row("SELECT count(*) FROM scans WHERE requested_by = 'Ada'")
-    assert isinstance(scans, int)
-    assert 200 < scans < 300  # the rows on the other pages
-
-
-def test_views_of_a_calibration_by_an_earlier_version_are_kept(tmp_path: Path) -> None:
-    run = vars(new_calibration("calibration", None, 3)) | {"id": "run-1", "state": "failed", "warnings": "[]"}
-    run["problem"] = run.pop("failure")  # the name of the column at that version
-    with closing(sqlite3.connect(tmp_path / "pointchain.sqlite3")) as db, db:
-        db.executescript("".join(MIGRATIONS[:4]) + "PRAGMA user_version = 4")
-        db.execute(
-            f"INSERT INTO calibrations ({', '.join(run)}) VALUES ({', '.join('?' * len(run))})", tuple(run.values())
-        )
-        db.execute("INSERT INTO calibration_views VALUES ('run-1', 0, 'recorded', NULL, 40, 48, '')")
-    with closing(Database(tmp_path / "pointchain.sqlite3")) as database:
-        (view,) = CalibrationStore(database).views(["run-1"])
-    assert (view.corners, view.board_corners, view.rms_px, view.cells) == (40, 48, None, None)
+    assert data.row("PRAGMA user_version") == (2,)
+    (entries,) = data.row("SELECT count(*) FROM audit WHERE person = 'Ada'")
+    assert isinstance(entries, int)
+    assert 150 < entries < 300  # the rows on the other pages
 
 
 def test_a_truncated_log_keeps_the_first_transactions(data: Data, tmp_path: Path) -> None:

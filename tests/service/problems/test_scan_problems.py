@@ -139,7 +139,7 @@ def test_a_result_that_does_not_exist_is_named(
     preview = store.folder.results(scan["id"]) / PREVIEW
     wait_until(lambda: PREVIEW in (store.scans.get(scan["id"]).files or {}))
     preview.unlink()
-    with store.database.transaction() as db:  # an earlier release recorded no hash of it
+    with store.database.transaction() as db:  # no hash of it is recorded
         db.execute("UPDATE scans SET files = json_remove(files, '$.\"preview.png\"') WHERE id = ?", (scan["id"],))
     assert_problem(client.get(scan["links"]["preview"]), 404, "no-result")
 

@@ -19,7 +19,6 @@ from service.jobs.submission import Requester, new_scan
 from service.states import ScanState
 from service.storage.data_folder import DataFolder
 from service.storage.idempotency_keys import Key
-from service.storage.migrations import MIGRATIONS
 from service.storage.removal import remove
 from service.storage.retention import sweep
 from service.storage.rows import RecordingRow, ScanErrorRow
@@ -140,26 +139,6 @@ def test_the_calibration_error_of_a_removed_scan_is_kept(store: Store) -> None:
     assert run_sweep(store, max_age_days=30)
     assert scans(store) == set()
     assert store.calibrations.scan_errors("sha", 5) == [scan_error]
-
-
-def test_a_scan_of_an_earlier_version_can_be_removed(tmp_path: Path) -> None:
-    with closing(DataFolder(tmp_path)) as folder:
-        with closing(sqlite3.connect(folder.database)) as db:
-            for migration in MIGRATIONS[:3]:
-                db.executescript(migration)
-            scan = ("old", "live", "graph", "failed", 1.0, days_ago(99), days_ago(99))
-            columns = "id, mode, method, state, fraction, created_at, ended_at"
-            db.execute(f"INSERT INTO scans ({columns}) VALUES (?, ?, ?, ?, ?, ?, ?)", scan)
-            db.execute("INSERT INTO scan_errors VALUES ('old', 'sha', '[1.0]', '[[2.0]]', '[3.0]')")
-            db.execute("PRAGMA user_version = 3")
-            db.commit()
-        with closing(Store(folder)) as store:
-            row = store.scans.get("old")
-            assert row is not None
-            assert (row.kept, row.source, row.files) == (False, None, None)
-            assert run_sweep(store, max_age_days=30)
-            assert store.scans.get("old") is None
-            assert store.calibrations.scan_errors("sha", 5) == [ScanErrorRow("old", "sha", [1.0], [[2.0]], [3.0])]
 
 
 def test_a_scan_that_was_marked_meanwhile_is_kept(store: Store) -> None:

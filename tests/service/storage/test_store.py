@@ -12,7 +12,7 @@ import pytest
 from calibration.atomic_write import write_synced
 from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder, DataFolderError
-from service.storage.database import StoreVersionError, new_id
+from service.storage.database import new_id
 from service.storage.rows import RecordingRow, ScanRow
 from service.storage.store import Store
 
@@ -186,10 +186,3 @@ def test_incomplete_incoming_files_are_removed(tmp_path: Path) -> None:
     folder = DataFolder(tmp_path)
     assert list((tmp_path / "incoming").iterdir()) == []
     folder.close()
-
-
-def test_a_database_of_a_later_version_is_refused(store: Store) -> None:
-    with store.database.transaction() as db:
-        db.execute("PRAGMA user_version = 99")
-    with pytest.raises(StoreVersionError, match="version 99"):
-        Store(store.folder)

@@ -23,9 +23,9 @@ class GraspList:
     """(6,) joint angles of the posture from which the reach is determined, radians. None if no reach was determined."""
     grasps: tuple[Grasp, ...]
     """The grasps in the order of the model, first the best of each cluster, then all others."""
-    same_calibration: bool | None = None
+    same_calibration: bool | None
     """Whether the scan was made with the hand-eye calibration that is active now. None if that is not known."""
-    same_gripper: bool | None = None
+    same_gripper: bool | None
     """Whether the grasps are for the gripper that is configured now. None if that is not known."""
 
     @property

@@ -151,7 +151,7 @@ class ScanLinks:
     cloud: str | None
     """Its point cloud, a PLY file."""
     height_map: str | None
-    """Height of the table and of all that lies on it. None without a string in view, or for earlier releases."""
+    """Height of the table and of all that lies on it. None without a string in view."""
     preview: str | None
     """A picture of its model."""
     thumbnail: str | None
