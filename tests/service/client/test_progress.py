@@ -26,7 +26,10 @@ from tests.service.client.answers import (
 
 def scan(state: str, stage: str | None = None, fraction: float = 0.0) -> dict[str, Any]:
     """Return the members of a scan resource that the client reads."""
-    return {"state": state, "progress": {"stage": stage, "fraction": fraction, "views": []}}
+    return {
+        "state": state,
+        "progress": {"stage": stage, "fraction": fraction, "views": [], "elapsed_s": None, "remaining_s": None},
+    }
 
 
 ENDED = scan("succeeded", fraction=1.0)

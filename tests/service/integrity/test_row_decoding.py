@@ -21,6 +21,7 @@ from tests.service.stored_data import LIVE, REPLAY, SUMMARY, UPLOAD, Data, check
 
 VERIFICATION = {
     "passed": True, "message": "well", "max_deviation_m": 0.001, "expected_m": 0.001, "board_displacement_m": None,
+    "max_deviation_rad": 0.001, "expected_rad": 0.001, "board_rotation_rad": None,
     "views": [],
 }  # fmt: skip
 

@@ -165,7 +165,7 @@ class Cell:
     """The last plan of viewpoints. None until viewpoints were planned."""
     warnings: tuple[CellWarning, ...]
     """Conditions that need attention, for example a drift of the camera from its calibration."""
-    last_stop: Intervention | None = None
+    last_stop: Intervention | None
     """The last stop of the arm since the service started."""
-    last_acknowledgement: Intervention | None = None
+    last_acknowledgement: Intervention | None
     """The last acknowledgement of a fault since the service started."""

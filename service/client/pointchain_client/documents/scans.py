@@ -66,9 +66,9 @@ class Progress:
     """Completed share, 0 to 1. It never decreases."""
     views: tuple[ViewProgress, ...]
     """The viewpoints of a live scan that were reached so far, by index."""
-    elapsed_s: float | None = None
+    elapsed_s: float | None
     """Time since the first move of a live scan, seconds. None before it, and when the scan has ended."""
-    remaining_s: float | None = None
+    remaining_s: float | None
     """Expected time until the model, seconds, 0 if the scan takes longer. None where `elapsed_s` is."""
 
 
