@@ -65,6 +65,18 @@ class RecognitionRequest:
             return self
         return replace(self, radius_m=ChainParameters.for_radius(radius_m).r)
 
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Self:
+        """Return the request of a document that `to_json` returned.
+
+        Raises:
+            pydantic.ValidationError: The document is not a request.
+        """
+        # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
+        from pydantic import TypeAdapter
+
+        return TypeAdapter(cls).validate_python(document)
+
     def to_json(self) -> dict[str, Any]:
         """Return the request as JSON values, without `settings` and `all_grasps` if they are not set.
 

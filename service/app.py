@@ -137,7 +137,7 @@ def _open(config: ServiceConfig, metrics: ScanMetrics, audit: AuditLog) -> Conte
         image_cache = ImageCache()
         fault = FaultStore(store.database, robot_cell, lambda slug: audit.add(SERVICE, "fault", result=slug))
         cleanup.callback(fault.close)
-        jobs = Jobs(store, robot_cell, config.limits.recognition_s, config.gripper.to_gripper(), metrics)
+        jobs = Jobs(store, robot_cell, config.limits.recognition_s, metrics)
         cleanup.callback(jobs.close)
         retention = Retention(store, config.retention, lambda: jobs.idle)
         cleanup.pop_all()

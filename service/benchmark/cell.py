@@ -24,7 +24,7 @@ from cell.recording import read_recording
 from cell.simulation.benchmark.tables import table
 from cell.simulation.ur_controller.admin_client import AdminClient
 from cell.simulation.ur_controller.launcher import start_controller
-from recognition.grasping.gripper import Gripper
+from recognition.request import RecognitionRequest
 from service.benchmark.service_process import MeasurementError
 from service.config.sections import LimitsConfig
 from service.jobs.manager import Jobs
@@ -118,7 +118,7 @@ def _scans(report: Callable[[str], None]) -> tuple[list[dict[str, float]], list[
     with tempfile.TemporaryDirectory(prefix="pointchain-") as root:
         folder = DataFolder(Path(root))
         store, cell = Store(folder), Cell(settings)
-        jobs = Jobs(store, cell, LimitsConfig().recognition_s, Gripper())
+        jobs = Jobs(store, cell, LimitsConfig().recognition_s)
         try:
             report("cell: first live scan, which connects")
             _scan(store, cell, jobs)
@@ -136,7 +136,7 @@ def _scans(report: Callable[[str], None]) -> tuple[list[dict[str, float]], list[
 
 
 def _scan(store: Store, cell: Cell, jobs: Jobs, views: Views = 8) -> dict[str, float]:
-    accepted = jobs.submit.live(views, "graph", RADIUS_M, time.monotonic())
+    accepted = jobs.submit.live(views, RecognitionRequest(radius_m=RADIUS_M), time.monotonic())
     while (scan := _row(store, accepted)).state in ACTIVE_STATES:
         time.sleep(0.01)
     if scan.state != "succeeded":

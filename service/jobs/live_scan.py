@@ -84,7 +84,7 @@ def _recognise(
 ) -> Outcome:
     def all_views() -> Iterator[View]:
         yield from views
-        inputs = recognition_inputs(task, views=store.scans.views([scan_id]))
+        inputs = recognition_inputs(views=store.scans.views([scan_id]))
         store.scans.update(scan_id, ("scanning",), state="processing", inputs=inputs)
 
     def on_stage(name: str) -> None:

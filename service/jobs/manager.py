@@ -19,7 +19,6 @@ from cell.control.cell import Cell
 from cell.control.stop_requests import STOPPED_SINCE
 from cell.errors import StoppedError
 from cell.planning.viewpoints import ViewpointPlan
-from recognition.grasping.gripper import Gripper
 from service.errors import ServiceError
 from service.jobs.calibration_drift import DriftWatch
 from service.jobs.calibration_job import CalibrationWork
@@ -74,7 +73,6 @@ class Jobs:
         store: Store,
         cell: Cell,
         recognition_limit_s: float,
-        gripper: Gripper,
         metrics: ScanMetrics | None = None,
     ) -> None:
         """Clean up after an earlier service, then start the recognition process.
@@ -93,7 +91,7 @@ class Jobs:
         """Who stopped the arm last, and who acknowledged the last fault."""
         self.drift = DriftWatch(store.calibrations)
         """What recent scans say about the active calibration."""
-        self._scans = ScanWork(store, cell, self._worker, recognition_limit_s, gripper, self.drift, self._metrics)
+        self._scans = ScanWork(store, cell, self._worker, recognition_limit_s, self.drift, self._metrics)
         calibrations = CalibrationWork(store, cell)
         self._runner = JobRunner(
             self._lock, {"scan": self._scans, "calibration": calibrations, "verification": calibrations}

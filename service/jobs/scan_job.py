@@ -14,7 +14,6 @@ from cell.errors import CellError
 from cell.planning.expected_duration import ExpectedDuration
 from cell.planning.viewpoints import ViewpointPlan
 from cell.recording.header import RecordingHeader
-from recognition.grasping.gripper import Gripper
 from recognition.model.findings import finding
 from service.errors import Failure
 from service.jobs.calibration_drift import DriftWatch
@@ -46,12 +45,11 @@ class ScanWork:
         cell: Cell,
         worker: RecognitionWorker,
         recognition_limit_s: float,
-        gripper: Gripper,
         drift: DriftWatch,
         metrics: ScanMetrics,
     ) -> None:
         self._store, self._cell, self._worker = store, cell, worker
-        self._limit_s, self._gripper = recognition_limit_s, gripper
+        self._limit_s = recognition_limit_s
         self._drift, self._metrics = drift, metrics
         self.drawing: str | None = None
         """Id of the scan whose result is stored and whose preview is being drawn."""
@@ -171,7 +169,7 @@ class ScanWork:
         recording = self._store.recording(scan.recording or "")
         assert recording is not None
         task = self._task(scan, self._store.folder.recording(recording.id), results, recording.missing)
-        inputs = recognition_inputs(task, recording.sha256)
+        inputs = recognition_inputs(recording.sha256)
         self._store.scans.update(scan.id, ("queued",), state="processing", started_at=now(), inputs=inputs)
         outcome = self._worker.run(task, self._on_stage(scan.id), self._limit_s)
         outcome = write_model(outcome, results, recording.sha256)
@@ -183,9 +181,9 @@ class ScanWork:
             self._store.scans.set_timing(job.row.id, job.timing)
 
         scan = job.row
-        header = dataclasses.replace(prepared.header, string_radius_m=scan.string_radius_m)
+        header = dataclasses.replace(prepared.header, string_radius_m=scan.request.radius_m)
         task = dataclasses.replace(self._task(scan, header, results), check_views=prepared.may_end_after is not None)
-        inputs = recognition_inputs(task)
+        inputs = recognition_inputs()
         self._store.scans.update(scan.id, ("preflight",), state="scanning", started_at=now(), inputs=inputs)
         return run_live_scan(
             scan, prepared, self._cell, self._store, self._worker, task, self._limit_s, self._metrics, expect_all_views
@@ -200,7 +198,7 @@ class ScanWork:
     ) -> Task:
         preview = self._store.folder.incoming(f"{scan.id}.png")
         notes = tuple(finding("recording-incomplete", message) for message in missing)
-        return Task(source, scan.request(self._gripper), results, preview, notes, scan.id)
+        return Task(source, scan.request, results, preview, notes, scan.id)
 
     def _on_stage(self, scan_id: str) -> OnStage:
         def on_stage(name: str) -> None:

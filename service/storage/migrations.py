@@ -13,11 +13,11 @@ CREATE TABLE recordings (
     table_z_m DOUBLE PRECISION NOT NULL, provenance TEXT NOT NULL, name TEXT, simulated INTEGER
 );
 CREATE TABLE scans (
-    id TEXT PRIMARY KEY, mode TEXT NOT NULL, recording TEXT REFERENCES recordings (id), method TEXT NOT NULL,
-    string_radius_m DOUBLE PRECISION, state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL,
+    id TEXT PRIMARY KEY, mode TEXT NOT NULL, recording TEXT REFERENCES recordings (id), request TEXT NOT NULL,
+    state TEXT NOT NULL, stage TEXT, fraction DOUBLE PRECISION NOT NULL,
     created_at TEXT NOT NULL, started_at TEXT, ended_at TEXT, summary TEXT, failure TEXT, source TEXT,
     requested_by TEXT, kept INTEGER NOT NULL DEFAULT 0, calibration_sha256 TEXT, inputs TEXT, files TEXT,
-    all_grasps INTEGER NOT NULL DEFAULT 0, simulated INTEGER, timing TEXT, views
+    simulated INTEGER, timing TEXT, views
 );
 CREATE INDEX scans_of ON scans (recording);
 CREATE INDEX scans_again ON scans (source);

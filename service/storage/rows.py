@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from cell.config.scan_views import Views
-from recognition.grasping.gripper import Gripper
-from recognition.model.model import Method
 from recognition.request import RecognitionRequest
 from service.errors import Failure
 from service.states import ScanState, ViewState
@@ -39,8 +37,8 @@ class ScanRow:
     id: str
     mode: Literal["replay", "live"]
     recording: str | None
-    method: Method
-    string_radius_m: float | None
+    request: RecognitionRequest
+    """How to recognise it."""
     state: ScanState
     stage: str | None
     fraction: float
@@ -61,18 +59,12 @@ class ScanRow:
     """Inputs of recognition, as JSON."""
     files: dict[str, Any] | None = None
     """SHA-256 and size of each file of the result, by name."""
-    all_grasps: bool = False
-    """Whether the model also has the grasps on parts of chains with a doubt."""
     simulated: bool | None = None
     """Whether the arm or the camera is simulated; None if not known."""
     timing: dict[str, Any] | None = None
     """Durations of the parts of the scan apart from its views, seconds, as JSON."""
     views: Views | None = None
     """Number of viewpoints of a live scan, or `auto`; None for a replay."""
-
-    def request(self, gripper: Gripper) -> RecognitionRequest:
-        """Return how to recognise the scan for a gripper."""
-        return RecognitionRequest(self.method, self.string_radius_m, {}, gripper, self.all_grasps)
 
 
 @dataclass(frozen=True)
@@ -176,6 +168,8 @@ def stored(value: Any) -> Any:
     """Return a value as its column stores it."""
     if isinstance(value, Failure):
         value = vars(value)
+    if isinstance(value, RecognitionRequest):
+        value = value.to_json()
     return json.dumps(value, allow_nan=False) if isinstance(value, dict | list | tuple) else value
 
 
@@ -195,8 +189,9 @@ def to_recording(row: sqlite3.Row) -> RecordingRow:
 
 def to_scan(row: sqlite3.Row) -> ScanRow:
     """Convert a row of `scans`."""
-    values = _parsed(row, "summary", "failure", "inputs", "files", "timing")
-    values["kept"], values["all_grasps"] = bool(values["kept"]), bool(values["all_grasps"])
+    values = _parsed(row, "request", "summary", "failure", "inputs", "files", "timing")
+    values["kept"] = bool(values["kept"])
+    values["request"] = RecognitionRequest.from_json(values["request"])
     values["simulated"] = _flag(values["simulated"])
     return ScanRow(**values)
 

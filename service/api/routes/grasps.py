@@ -25,7 +25,6 @@ from service.api.result_files import damaged, hash_and_size, read_height_map, re
 from service.api.schemas.addresses import SCANS
 from service.api.schemas.calibration_resources import usable_hand_eye
 from service.api.schemas.grasps import GraspsDocument, ListedGrasp
-from service.jobs.inputs import recorded_gripper
 from service.problems.problem_error import ProblemError
 from service.storage.data_folder import HEIGHT_MAP, MODEL
 from service.storage.rows import ScanRow
@@ -179,13 +178,13 @@ async def get_grasps(
 
 def _compare_inputs(scan: ScanRow, service: Context, active: HandEye | None) -> _Inputs:
     """Return whether a scan was made with the active calibration and the configured gripper."""
-    sha256, gripper = scan.calibration_sha256, recorded_gripper(scan.inputs)
+    sha256 = scan.calibration_sha256
     if sha256 is None and scan.recording is not None:
         recording = service.store.recording(scan.recording)
         sha256 = None if recording is None else recording.provenance.get("calibration_sha256")
     return _Inputs(
         same_calibration=None if sha256 is None or active is None else sha256 == active.sha256,
-        same_gripper=None if gripper is None else gripper == service.config.cell.gripper.to_gripper(),
+        same_gripper=scan.request.gripper == service.config.cell.gripper.to_gripper(),
     )
 
 
@@ -228,8 +227,7 @@ def _select(scan: ScanRow, service: Context, choice: _Choice, inputs: _Inputs, e
     except (ValidationError, ValueError, KeyError, TypeError, OSError) as error:
         raise damaged(path, scan, error) from error
     _check(choice, closed)
-    gripper = recorded_gripper(scan.inputs) or service.config.cell.gripper.to_gripper()
-    return _Selection(scan, len(grasps), choice.select(grasps), gripper, inputs, etag)
+    return _Selection(scan, len(grasps), choice.select(grasps), scan.request.gripper, inputs, etag)
 
 
 def _check(choice: _Choice, closed: dict[int, bool]) -> None:

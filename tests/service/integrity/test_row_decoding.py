@@ -102,11 +102,11 @@ def test_an_unreadable_scan_without_events_fails_and_its_result_is_moved_to_lost
 
 
 def test_a_scan_that_cannot_be_repaired_is_moved_to_lost_and_found_with_its_result(data: Data) -> None:
-    data.change("UPDATE scans SET method = 'banana' WHERE id = ?", REPLAY)
+    data.change("UPDATE scans SET request = 'banana' WHERE id = ?", REPLAY)
     assert data.codes() == {"row-unreadable"}
     data.repair()
     assert data.row("SELECT count(*) FROM scans") == (1,)
-    assert data.original("SELECT method FROM scans WHERE id = ?", REPLAY) == ("banana",)
+    assert data.original("SELECT request FROM scans WHERE id = ?", REPLAY) == ("banana",)
     assert (data.lost(REPLAY) / "model.json").read_bytes() == b'{"chains": []}'
     assert data.recording(UPLOAD).exists()
     assert data.row("SELECT count(*) FROM recordings") == (2,)

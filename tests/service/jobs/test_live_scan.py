@@ -67,7 +67,7 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
         assert hashlib.sha256(piece).hexdigest() == view.sha256
     assert row is not None
     assert row.inputs is not None
-    assert row.inputs["all_grasps"] is True
+    assert row.request.all_grasps
     assert row.inputs["views"] == [{"view": view.view, "sha256": view.sha256} for view in views]
 
     answer = cell.client.post(scan["links"]["reprocess"])

@@ -20,6 +20,7 @@ from anyio import to_thread
 from cell.devices import View
 from cell.recording import RecordingWriter
 from cell.recording.header import RecordingHeader
+from recognition.request import RecognitionRequest
 from service.app import create_app
 from service.config.loader import ServiceConfig
 from service.config.sections import RetentionConfig
@@ -136,7 +137,9 @@ def test_a_failure_while_closing_does_not_keep_the_rest_open(
 def add_live_scan(store: Store, state: ScanState) -> str:
     """Add a live scan whose recording file exists without a row in the store, and return its id."""
     scan_id = new_id()
-    store.scans.add(ScanRow(scan_id, "live", None, "graph", None, state, None, 0.1, now(), now(), None, None, None))
+    store.scans.add(
+        ScanRow(scan_id, "live", None, RecognitionRequest(), state, None, 0.1, now(), now(), None, None, None)
+    )
     header = RecordingHeader(depth_unit_m=1e-4, string_radius_m=0.004, T_flange_camera=np.eye(4))
     K = np.array([[50.0, 0, 32], [0, 50, 20], [0, 0, 1]])
     with RecordingWriter(store.folder.recording(scan_id), header) as writer:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import write_synced
+from recognition.request import RecognitionRequest
 from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder, DataFolderError
 from service.storage.database import new_id
@@ -36,8 +37,7 @@ def scan_row(scan_id: str = "s1", state: ScanState = "queued") -> ScanRow:
         id=scan_id,
         mode="replay",
         recording="r1",
-        method="enhanced",
-        string_radius_m=0.0042,
+        request=RecognitionRequest("enhanced", 0.0042),
         state=state,
         stage=None,
         fraction=0.0,

@@ -11,6 +11,7 @@ import httpx2
 import numpy as np
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.images.image_cache import MAX_BYTES, ImageCache, shrink_image
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
@@ -87,7 +88,7 @@ def test_without_an_image_the_thumbnail_fails_like_the_preview(
     client: ServedClient, assert_problem: AssertProblem, state: ScanState | None, status: int, slug: str
 ) -> None:
     store: Store = client.app.state.context.store
-    row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+    row = replace(new_scan("live", RecognitionRequest(), NOBODY), id=new_id(), state="scanning")
     if state is not None:
         store.scans.add(row)
     if state == "failed":

@@ -20,6 +20,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.progress import BoardObservation
 from cell.simulation.devices.world import simulated_world
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate
+from recognition.request import RecognitionRequest
 from service.jobs.submission import NOBODY, new_calibration, new_scan
 from service.states import ACTIVE_STATES, ScanState
 from service.storage.data_folder import DataFolder
@@ -87,7 +88,7 @@ def client(
         store.calibrations.set_view(earlier_runs["scanning"].id, 1, "moving")
         information = np.diag([1e6] * 3 + [4e6] * 3)
         for _ in range(3):
-            scan = new_scan("live", "graph", None, NOBODY)
+            scan = new_scan("live", RecognitionRequest(), NOBODY)
             store.scans.add(replace(scan, state="succeeded"))
             error = ScanErrorRow(
                 scan.id, nominal_sha256(), DRIFTED.tolist(), information.tolist(), (information @ DRIFTED).tolist()

@@ -6,6 +6,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.store import Store
 from tests.service.api.routes.test_scans import start
@@ -69,7 +70,7 @@ def test_a_scan_that_has_not_ended_is_not_removed(
     client: ServedClient, recording: str, assert_problem: AssertProblem
 ) -> None:
     store = store_of(client)
-    scan = new_scan("replay", "graph", 0.0042, NOBODY, recording=recording)
+    scan = new_scan("replay", RecognitionRequest(radius_m=0.0042), NOBODY, recording=recording)
     store.scans.add(scan)
     try:
         document = client.get(f"/api/scans/{scan.id}").json()

@@ -8,6 +8,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.file_responses import matches
 from service.api.response_cache import MAX_AGE_S
 from service.storage.data_folder import CLOUD, MODEL
@@ -55,8 +56,8 @@ def test_the_row_has_the_inputs_and_the_result_files(client: ServedClient, scan:
     recording = client.get(f"/api/recordings/{scan['recording']}").json()
     assert row.inputs is not None
     assert row.inputs["recording_sha256"] == recording["sha256"]
-    assert (row.inputs["method"], row.inputs["string_radius_m"]) == ("graph", 0.0042)
-    assert row.inputs["gripper"]["stroke_m"] == 0.085
+    assert row.request == RecognitionRequest(radius_m=0.0042)
+    assert row.request.gripper.stroke_m == 0.085
     assert row.inputs["software"]
 
 
