@@ -77,15 +77,14 @@ def recognise(
     request.check()
     timer = StageTimer(on_stage)
     timer.begin("preprocess")
-    known = None if earlier is None else earlier.surface
-    radius_m = request.radius_m
     arriving = timer.exclude_waiting(views)
+    radius_m = request.radius_m
     if radius_m is None:
         arriving = list(arriving)
-        known = TableAndWarp.measure(arriving, scene)
-        radius_m = measure_radius(known).radius_m
+        radius_m = measure_radius(TableAndWarp.measure(arriving, scene)).radius_m
     parameters = request.parameters_for(radius_m)
 
+    known = None if earlier is None else earlier.surface
     surface = observe(arriving, scene, parameters, begin=timer.begin, earlier=known)
     if surface.no_string_reason is not None:
         findings = findings_without_string(surface, request, parameters)

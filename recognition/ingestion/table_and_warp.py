@@ -1,6 +1,7 @@
-"""Where the views show the table, and the warp of their camera: measured once, with each view that arrives.
+"""Where the views show the table, and the warp of their camera: the one place that measures both.
 
-Neither depends on the radius of the strings, so that a recognition with another radius uses them again.
+Neither depends on the radius of the strings, so that a recognition with another radius uses them again. While views
+arrive, small changes of either are ignored: all earlier views would have to be preprocessed again.
 """
 
 from collections.abc import Iterable
@@ -59,11 +60,21 @@ class TableAndWarp:
 
     @classmethod
     def measure(cls, views: Iterable[DepthView], scene: Scene) -> Self:
-        """Return the measurement of all views of a scan. Raises as `add` and `settle`."""
+        """Return table and warp as all views of a scan show them.
+
+        Raises:
+            DuplicateViewError: Two views have the same index.
+            TableElsewhereError: The table is too far from where it is given, or two planes may be the table.
+        """
         measured = cls(scene)
-        for view in views:
-            measured.add(view)
-        measured.settle()
+        planes = [measured._capture(view) for view in views]
+        samples = [sample for sample in measured.samples if sample is not None]
+        measured.warp = measure_warp(samples[:MAX_VIEWS])
+        for view, plane in zip(measured.views, planes, strict=True):
+            measured._correct(view, plane)
+        measured._locate_table()
+        measured.T_base_table = measured._measured_T_base_table()
+        measured._refuse_doubtful_table()
         return measured
 
     def copy(self) -> Self:
@@ -84,21 +95,16 @@ class TableAndWarp:
         Raises:
             DuplicateViewError: Two views have the same index.
         """
-        if any(view.index == earlier.index for earlier in self.views):
-            raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
-        plane = measure_table(view, self.scene)
-        self.views.append(view)
-        self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
-        has_new_warp = self._measure_warp()
-        if has_new_warp:
+        plane = self._capture(view)
+        if self._has_new_warp():
             self.without_warp.clear()
             self.planes.clear()
-        for captured in self.views[len(self.without_warp) :]:
-            corrected = captured if self.warp is None else correct(captured, self.warp)
-            self.without_warp.append(corrected)
-            self.planes.append(plane if corrected is view else measure_table(corrected, self.scene))
-        is_moved = self._move_table(EARLY_PLANES)
-        return has_new_warp or is_moved
+            for captured in self.views:
+                self._correct(captured, plane if captured is view else None)
+            self._move_table(EARLY_PLANES)
+            return True
+        self._correct(view, plane)
+        return self._move_table(EARLY_PLANES)
 
     def settle(self) -> bool:
         """Move the table even if a single view shows it, because no view follows. Return as `add`.
@@ -107,8 +113,7 @@ class TableAndWarp:
             TableElsewhereError: The table is too far from where it is given, or two planes may be the table.
         """
         is_moved = self._move_table(1)
-        if self.table is not None and self.table.is_elsewhere:
-            refuse_doubtful_table(self.table, self.planes)
+        self._refuse_doubtful_table()
         return is_moved
 
     def corrected(self, number: int) -> DepthView:
@@ -122,7 +127,24 @@ class TableAndWarp:
             return view
         return MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
 
-    def _measure_warp(self) -> bool:
+    def _capture(self, view: DepthView) -> ViewPlane | None:
+        """Add a view as captured, and return the plane of its table. Raises DuplicateViewError."""
+        if any(view.index == earlier.index for earlier in self.views):
+            raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
+        plane = measure_table(view, self.scene)
+        self.views.append(view)
+        self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
+        return plane
+
+    def _correct(self, view: DepthView, plane: ViewPlane | None) -> None:
+        """Add a view without the warp, and its plane. `plane` is that of the captured view; None: not measured yet."""
+        if self.warp is not None:
+            view = correct(view, self.warp)
+            plane = None
+        self.without_warp.append(view)
+        self.planes.append(measure_table(view, self.scene) if plane is None else plane)
+
+    def _has_new_warp(self) -> bool:
         """Measure the warp in the first views. Return whether it has changed."""
         samples = [sample for sample in self.samples if sample is not None]
         if len(samples) > MAX_VIEWS:
@@ -135,14 +157,26 @@ class TableAndWarp:
 
     def _move_table(self, min_planes: int) -> bool:
         """Locate the table, and move it if at least `min_planes` views show it elsewhere. Return whether it moved."""
-        shown = [plane for plane in self.planes if plane is not None]
-        if len(shown) < min_planes:
+        if sum(plane is not None for plane in self.planes) < min_planes:
             return False
-        self.table = locate_table(shown, self.scene.table_z_m)
-        T_base_table = np.eye(4)
-        if self.table is not None and self.table.is_elsewhere:
-            T_base_table = self.table.T_base_table
+        self._locate_table()
+        T_base_table = self._measured_T_base_table()
         if is_near(T_base_table, self.T_base_table, self.planes):
             return False
         self.T_base_table = T_base_table
         return True
+
+    def _locate_table(self) -> None:
+        """Locate the table in all views that show it."""
+        self.table = locate_table([plane for plane in self.planes if plane is not None], self.scene.table_z_m)
+
+    def _measured_T_base_table(self) -> NDArray[np.float64]:
+        """Return the motion (4, 4) of the given table to the measured one; none if pose errors explain it."""
+        if self.table is not None and self.table.is_elsewhere:
+            return self.table.T_base_table
+        return np.eye(4)
+
+    def _refuse_doubtful_table(self) -> None:
+        """Raise TableElsewhereError if the table is too far from where it is given, or two planes may be it."""
+        if self.table is not None and self.table.is_elsewhere:
+            refuse_doubtful_table(self.table, self.planes)
