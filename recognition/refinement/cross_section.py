@@ -39,6 +39,18 @@ class CrossSections:
     """(K,) standard error of the squareness; infinite if the squareness cannot be measured."""
 
 
+@dataclass(frozen=True, eq=False)
+class _ProfilePoints:
+    """P surface points on the upper part of the tubes."""
+
+    sine: NDArray[np.float64]
+    """(P,) sine of the angle of each point from the top."""
+    link: NDArray[np.int64]
+    """(P,) link of each point, as in `Assignment.link`."""
+    residual: NDArray[np.float64]
+    """(P,) signed distance of each point from the tube, metres; positive outside the tube."""
+
+
 def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
     """Measure how round the surface about each line is, from the upper part of the mean profile of the line.
 
@@ -53,31 +65,24 @@ def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
     left = unit_vectors(np.column_stack([-vector[:, 1], vector[:, 0]]))
     sine = (assigned.outward[:, :2] * left).sum(axis=1)
     is_inner = np.abs(sine) < MAX_PROFILE_SINE
-    link, residual = assigned.link[is_inner], assigned.residual[is_inner]
-    out_of_round = _measure_out_of_round(fit, sine[is_inner], link, residual, assigned.sigma)
-    squareness, squareness_sigma = _measure_squareness(fit, sine[is_inner], link, residual)
+    points = _ProfilePoints(sine[is_inner], assigned.link[is_inner], assigned.residual[is_inner])
+    out_of_round = _measure_out_of_round(fit, points, assigned.sigma)
+    squareness, squareness_sigma = _measure_squareness(fit, points)
     return CrossSections(out_of_round, squareness, squareness_sigma)
 
 
-def _measure_out_of_round(
-    fit: TubeFit, sine: NDArray[np.float64], link: NDArray[np.int64], residual: NDArray[np.float64], sigma: float
-) -> NDArray[np.float64]:
+def _measure_out_of_round(fit: TubeFit, profile: _ProfilePoints, sigma: float) -> NDArray[np.float64]:
     """Return the standard deviations (K,) of the mean profiles from a circle, metres, corrected for noise.
 
-    If fewer than half of the sectors are filled, as for a wall, the result is the radius of the line.
-
-    Args:
-        fit: Tube fit with K lines.
-        sine: (P,) sine of the angle from the top for each surface point.
-        link: (P,) link of each surface point, as in `Assignment.link`.
-        residual: (P,) distance of each surface point from the tube, metres.
-        sigma: Standard deviation of the residuals, metres.
+    If fewer than half of the sectors are filled, as for a wall, the result is the radius of the line. `sigma` is the
+    standard deviation of the residuals, metres.
     """
-    sector = ((sine / MAX_PROFILE_SINE + 1) / 2 * N_SECTORS).astype(np.int64)
+    sector = ((profile.sine / MAX_PROFILE_SINE + 1) / 2 * N_SECTORS).astype(np.int64)
     shape = (len(fit.radii), N_SECTORS)
-    cell, count = fit.line_of_point[link] * N_SECTORS + sector, shape[0] * N_SECTORS
-    points = np.bincount(cell, minlength=count).reshape(shape)
-    means = group_sums(cell, residual, count).reshape(shape) / np.maximum(points, 1)
+    n_cells = len(fit.radii) * N_SECTORS
+    cell = fit.line_of_point[profile.link] * N_SECTORS + sector
+    points = np.bincount(cell, minlength=n_cells).reshape(shape)
+    means = group_sums(cell, profile.residual, n_cells).reshape(shape) / np.maximum(points, 1)
     is_filled = points >= MIN_SECTOR_POINTS
     share = is_filled / np.maximum(is_filled.sum(axis=1, keepdims=True), 1)
     variance = (share * means**2).sum(axis=1) - (share * means).sum(axis=1) ** 2
@@ -86,9 +91,7 @@ def _measure_out_of_round(
     return np.where(is_seen, np.sqrt(np.maximum(variance - noise, 0.0)), fit.radii)
 
 
-def _measure_squareness(
-    fit: TubeFit, sine: NDArray[np.float64], link: NDArray[np.int64], residual: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measure_squareness(fit: TubeFit, profile: _ProfilePoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the squareness (K,) of each line, and its standard error (K,).
 
     A least-squares fit explains the residuals by four functions of the angle from the top. A constant stands for an
@@ -96,24 +99,21 @@ def _measure_squareness(
     of a square bar, `1 / max(cos, abs(sin))`. Its coefficient is the squareness.
 
     The standard error comes from the scatter between sections, because neighbouring pixels share their errors.
-
-    Args:
-        fit: Tube fit with K lines.
-        sine: (P,) sine of the angle from the top for each surface point.
-        link: (P,) link of each surface point, as in `Assignment.link`.
-        residual: (P,) distance of each surface point from the tube, metres.
     """
-    n_lines = len(fit.radii)
+    sine = profile.sine
     cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
     terms = np.column_stack([np.ones_like(sine), cosine, sine, 1 / np.maximum(cosine, np.abs(sine))])
+    # The sections of line k are numbered from first[k] to first[k + 1] - 1. The last one of a line may be shorter.
     first = np.concatenate([[0], np.cumsum(-(-np.diff(fit.starts) // SECTION_LINKS))])
-    line = fit.line_of_point[link]
-    section = first[line] + (link - fit.starts[line]) // SECTION_LINKS
-    products = np.column_stack([terms[:, i] * terms[:, j] for i in range(4) for j in range(4)])
+    line = fit.line_of_point[profile.link]
+    section = first[line] + (profile.link - fit.starts[line]) // SECTION_LINKS
+    products = np.column_stack([terms * term[:, None] for term in terms.T])
     A = group_sums(section, products, first[-1]).reshape(-1, 4, 4)
-    b = group_sums(section, terms * (residual / fit.radii[line])[:, None], first[-1])
-    squareness, sigma = np.zeros(n_lines), np.full(n_lines, np.inf)
-    for k in range(n_lines):
+    b = group_sums(section, terms * (profile.residual / fit.radii[line])[:, None], first[-1])
+    squareness = np.zeros(len(fit.radii))
+    sigma = np.full(len(fit.radii), np.inf)
+    for k in range(len(fit.radii)):
+        # The first term is constant, so its entry is the number of surface points of the section.
         rows = np.flatnonzero(A[first[k] : first[k + 1], 0, 0]) + first[k]
         if len(rows) < MIN_SECTIONS:
             continue

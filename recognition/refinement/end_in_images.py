@@ -5,15 +5,16 @@ steep views from afar have large pixels. The depth images have no such loss, and
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.geometry.polyline import arc_length, fit_end_parabola
+from recognition.geometry.polyline import arc_length
 from recognition.preprocessing.flying_pixels import DepthImage
 from recognition.preprocessing.normals import NormalCloud
-from recognition.refinement.end_localisation import END_FIT_RADII, Points, move_end
+from recognition.refinement.end_localisation import EndCurve, Points, move_end
 
 WINDOW_RADII = 2.5
 """Length of the axis that is examined on both sides of the first point of the line, in radii of the string."""
@@ -39,6 +40,66 @@ MIN_PIXELS = 3
 """Minimum number of pixels on each side of the end. With fewer, the images do not show the end."""
 MAX_MOVE_RADII = 1.5
 """Maximum distance by which the images move an end, in radii."""
+EXTENSION_POINTS = 4
+"""Number of points on the longest extension of an end, from which the distance of other strands is measured."""
+MIN_SLOPE = 1e-9
+"""Minimum slope of the parabola at an end. Below it, the points of the line coincide and show no direction."""
+MIN_ACROSS_SQUARE = 1e-12
+"""Lower limit of the squared component of a ray across the axis. It prevents division by zero along the axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """Axis of a string beyond the first point of its line."""
+
+    origin: Points
+    """(3,) first point of the line, metres, base frame."""
+    outward: Points
+    """(3,) unit vector out of the line, base frame."""
+    r: float
+    """Radius of the string, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class _LinesOfSight:
+    """Lines of sight of M pixels of an image, `camera + depth * ray`, and their positions along an axis."""
+
+    camera: Points
+    """(3,) position of the camera, metres, base frame."""
+    rays: Points
+    """(M, 3) directions, base frame. The component along the optical axis is 1."""
+    depth: NDArray[np.float64]
+    """(M,) measured depth, metres; 0 where nothing was measured."""
+    camera_s: float
+    """Position of the camera along the axis, metres."""
+    ray_s: NDArray[np.float64]
+    """(M,) change of the position along the axis with the depth."""
+
+    def s_at(self, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the position (M,) along the axis at a depth (M,) of each line of sight, metres."""
+        return self.camera_s + depth * self.ray_s
+
+
+@dataclass(frozen=True, eq=False)
+class _TubeChords:
+    """Where M lines of sight pass an endless tube around the axis."""
+
+    entry: NDArray[np.float64]
+    """(M,) depth at which the line of sight enters the tube, metres; that of its nearest point if it passes outside."""
+    leave: NDArray[np.float64]
+    """(M,) depth at which it leaves the tube, metres."""
+    distance_square: NDArray[np.float64]
+    """(M,) squared distance between the line of sight and the axis, square metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sightings:
+    """M lines of sight that show the string or the space beyond its end."""
+
+    s: NDArray[np.float64]
+    """(M,) position along the axis, metres; positive beyond the first point of the line."""
+    is_hit: NDArray[np.float64]
+    """(M,) 1 for a hit, 0 for a miss."""
 
 
 def localise_end_in_images(
@@ -61,25 +122,28 @@ def localise_end_in_images(
         (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if another strand is
         near the end, or if the images do not show the string on one side of the end and free space on the other.
     """
-    terms = fit_end_parabola(line, END_FIT_RADII * r, r)
-    length = float(np.linalg.norm(terms[1]))
-    if length < 1e-9 or float(np.median(np.diff(arc_length(line)))) <= 0:
+    curve = EndCurve.fit(line, r)
+    if np.linalg.norm(curve.slope) < MIN_SLOPE or float(np.median(np.diff(arc_length(line)))) <= 0:
         return line
-    axis = np.array([terms[0], -terms[1] / length])
+    axis = _Axis(curve.origin, curve.outward, r)
     if other_strands is not None:
-        extension = axis[0] + np.linspace(0, MAX_MOVE_RADII * r, 4)[:, None] * axis[1]
-        if other_strands.query(extension)[0].min() < FREE_END_RADII * r:
+        steps = np.linspace(0, MAX_MOVE_RADII * r, EXTENSION_POINTS)
+        distance, _ = other_strands.query(axis.origin + steps[:, None] * axis.outward)
+        if distance.min() < FREE_END_RADII * r:
             return line
     sightings = [
-        _sight(view.image, view.T_base_camera, axis, other_strands, r)
+        _sight(view.image, view.T_base_camera, axis, other_strands)
         for view in views
         if view.image is not None and view.T_base_camera is not None
     ]
     if not sightings:
         return line
-    s, is_hit = np.hstack(sightings)
+    s = np.concatenate([seen.s for seen in sightings])
+    is_hit = np.concatenate([seen.is_hit for seen in sightings])
     end = _find_transition(s, is_hit, r)
-    return line if end is None else move_end(line, terms, end, r)
+    if end is None:
+        return line
+    return move_end(line, curve, end)
 
 
 def other_strand_points(lines: Sequence[Points], number: int, r: float) -> Points:
@@ -96,44 +160,55 @@ def other_strand_tree(lines: Sequence[Points], number: int, r: float) -> KDTree 
 
 
 def _sight(
-    image: DepthImage, T_base_camera: NDArray[np.float64], axis: Points, other_strands: KDTree | None, r: float
-) -> NDArray[np.float64]:
-    """Return the sightings (2, M) of one image: position along the axis, metres, and 1 for a hit or 0 for a miss.
-
-    `axis` holds the first point of the line and the outward direction.
-    """
-    origin, outward = axis
-    R, camera = T_base_camera[:3, :3], T_base_camera[:3, 3]
-    rows, columns = _pixels_around(image, (_window_corners(axis, r) - camera) @ R)
-    depth = image.depth[rows, columns] * image.depth_unit_m
-    rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ np.linalg.inv(image.K).T @ R.T
-    # A line of sight `camera + depth * ray` and the tube are compared in the plane across the axis.
-    along, camera_along = rays @ outward, float((camera - origin) @ outward)
-    across, camera_across = rays - along[:, None] * outward, camera - origin - camera_along * outward
-    square = np.maximum(np.vecdot(across, across), 1e-12)
-    nearest = -(across @ camera_across) / square
-    distance_square = camera_across @ camera_across - square * nearest**2
-    is_in_corridor = (depth > 0) & (distance_square < (CORRIDOR_RADII * r) ** 2)
-    half_chord = np.sqrt(np.maximum(r * r - distance_square, 0.0) / square)
-    entry, leave = nearest - half_chord, nearest + half_chord
-    points = camera + depth[:, None] * rays
-    is_hit = is_in_corridor & (np.abs(depth - entry) < HIT_RADII * r)
-    is_miss = is_in_corridor & (depth - entry >= HIT_RADII * r)
+    image: DepthImage, T_base_camera: NDArray[np.float64], axis: _Axis, other_strands: KDTree | None
+) -> _Sightings:
+    """Return the hits and the misses of one image around the end."""
+    sight = _lines_of_sight(image, T_base_camera, axis)
+    chords = _pass_tube(sight, axis)
+    counts = (sight.depth > 0) & (chords.distance_square < (CORRIDOR_RADII * axis.r) ** 2)
     if other_strands is not None:
-        distance, _ = other_strands.query(points, distance_upper_bound=OTHER_STRING_RADII * r)
-        is_free = ~np.isfinite(distance)
-        is_hit, is_miss = is_hit & is_free, is_miss & is_free
-    measured_s, entry_s, leave_s = (camera_along + z * along for z in (depth, entry, leave))
+        points = sight.camera + sight.depth[:, None] * sight.rays
+        distance, _ = other_strands.query(points, distance_upper_bound=OTHER_STRING_RADII * axis.r)
+        counts &= ~np.isfinite(distance)
+    behind_entry = sight.depth - chords.entry
+    is_hit = counts & (np.abs(behind_entry) < HIT_RADII * axis.r)
+    is_miss = counts & (behind_entry >= HIT_RADII * axis.r)
+
+    measured_s = sight.s_at(sight.depth)
     # A line of sight is free up to the measured point. If it leads towards the string, it may end on the end face.
-    free_s = np.where(along < 0, np.maximum(measured_s, leave_s), entry_s)
+    towards_string_s = np.maximum(measured_s, sight.s_at(chords.leave))
+    free_s = np.where(sight.ray_s < 0, towards_string_s, sight.s_at(chords.entry))
     s = np.concatenate([measured_s[is_hit], free_s[is_miss]])
-    return np.array([s, np.repeat([1.0, 0.0], [int(is_hit.sum()), int(is_miss.sum())])])
+    return _Sightings(s, np.repeat([1.0, 0.0], [int(is_hit.sum()), int(is_miss.sum())]))
 
 
-def _window_corners(axis: Points, r: float) -> Points:
+def _lines_of_sight(image: DepthImage, T_base_camera: NDArray[np.float64], axis: _Axis) -> _LinesOfSight:
+    """Return the lines of sight of the pixels around the examined part of the axis."""
+    R = T_base_camera[:3, :3]
+    camera = T_base_camera[:3, 3]
+    rows, columns = _pixels_around(image, (_window_corners(axis) - camera) @ R)
+    depth = np.asarray(image.depth[rows, columns] * image.depth_unit_m, dtype=np.float64)
+    rays = np.column_stack([columns, rows, np.ones(len(rows))]) @ np.linalg.inv(image.K).T @ R.T
+    camera_s = float((camera - axis.origin) @ axis.outward)
+    return _LinesOfSight(camera, rays, depth, camera_s, rays @ axis.outward)
+
+
+def _pass_tube(sight: _LinesOfSight, axis: _Axis) -> _TubeChords:
+    """Return where the lines of sight pass the tube. They are compared with it in the plane across the axis."""
+    camera_across = sight.camera - axis.origin - sight.camera_s * axis.outward
+    rays_across = sight.rays - sight.ray_s[:, None] * axis.outward
+    square = np.maximum(np.vecdot(rays_across, rays_across), MIN_ACROSS_SQUARE)
+    nearest = -(rays_across @ camera_across) / square
+    distance_square = camera_across @ camera_across - square * nearest**2
+    half_chord = np.sqrt(np.maximum(axis.r * axis.r - distance_square, 0.0) / square)
+    return _TubeChords(nearest - half_chord, nearest + half_chord, distance_square)
+
+
+def _window_corners(axis: _Axis) -> Points:
     """Return points (12, 3) on a box around the examined part of the axis."""
-    aside = r * np.vstack([np.eye(3), -np.eye(3)])
-    return np.vstack([axis[0] + s * r * axis[1] + aside for s in (-WINDOW_RADII, WINDOW_RADII)])
+    aside = axis.r * np.vstack([np.eye(3), -np.eye(3)])
+    inner, outer = (axis.origin + s * axis.r * axis.outward for s in (-WINDOW_RADII, WINDOW_RADII))
+    return np.vstack([inner + aside, outer + aside])
 
 
 def _pixels_around(image: DepthImage, corners: Points) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -160,18 +235,22 @@ def _find_transition(s: NDArray[np.float64], is_hit: NDArray[np.float64], r: flo
     limit = WINDOW_RADII * r
     order = np.argsort(s)
     order = order[np.abs(s[order]) < limit]
-    s, is_hit = s[order], is_hit[order]
+    s = s[order]
+    is_hit = is_hit[order]
     if min(is_hit.sum(), (1 - is_hit).sum()) < MIN_PIXELS:
         return None
-    # Entry k is the number of misses among the first k sightings and of hits among the others.
-    errors = np.concatenate([[0.0], np.cumsum(1 - is_hit)]) + is_hit.sum() - np.concatenate([[0.0], np.cumsum(is_hit)])
+    # Entry k of `errors` is the number of misses among the first k sightings and of hits among the others.
+    misses_before = np.concatenate([[0.0], np.cumsum(1 - is_hit)])
+    hits_before = np.concatenate([[0.0], np.cumsum(is_hit)])
+    errors = misses_before + is_hit.sum() - hits_before
     k = int(errors.argmin())
     if k in (0, len(s)):
         return None
     first = float(s[k - 1] + s[k]) / 2 - TRANSITION_RADII * r
     last = first + 2 * TRANSITION_RADII * r
     edges = np.linspace(first, last, N_BINS + 1)
-    count, hits = np.histogram(s, edges)[0], np.histogram(s, edges, weights=is_hit)[0]
+    count, _ = np.histogram(s, edges)
+    hits, _ = np.histogram(s, edges, weights=is_hit)
     half = N_BINS // 2
     if first < -limit or last > limit or min(count[:half].sum(), count[half:].sum()) < MIN_PIXELS:
         return None

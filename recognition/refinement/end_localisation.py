@@ -1,5 +1,7 @@
 """Localisation of the end of a string: the farthest surface around the extrapolated centre line."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -31,6 +33,41 @@ MAX_AHEAD_RADII = 1.5
 """Maximum distance from an end to the strand that covers its extension, in radii of the string."""
 MIN_ABOVE_RADII = 1.0
 """Minimum height of the centre line of a covering strand above the extrapolated line, in radii of the string."""
+COVER_STEP_RADII = 0.25
+"""Distance between the examined positions along an extrapolated line, in radii of the string."""
+AROUND_RADII = (0.6, 1.35)
+"""Range of the distances from the extrapolated line of surface around it, in radii of the string."""
+MIN_AROUND_COSINE = 0.6
+"""Minimum cosine between the normal of surface around the extrapolated line and the direction from the line to it."""
+NEAR_MARGIN_RADII = 2.0
+"""Margin of the preselection of points near an extrapolated line, in radii: more than `AROUND_RADII`, and the bend."""
+LAST_SURFACE_RADII = 2.0
+"""Length of the last part of the surface, from which `EDGE_PERCENTILE` is taken, in radii of the string."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndCurve:
+    """Parabola `origin + s * slope + s**2 * bend` through the first part of a centre line, by its arc length s."""
+
+    origin: Points
+    """(3,) position of the end, metres, base frame."""
+    slope: Points
+    """(3,) direction into the line. Its length is about 1, or 0 if all points coincide."""
+    bend: Points
+    """(3,) half of the curvature, 1/m; zero for a short line."""
+    r: float
+    """Radius of the string, metres."""
+
+    @classmethod
+    def fit(cls, line: Points, r: float) -> "EndCurve":
+        """Fit the parabola to the first `END_FIT_RADII` radii of a line (N, 3) of a string with the radius r."""
+        origin, slope, bend = fit_end_parabola(line, END_FIT_RADII * r, r)
+        return cls(origin, slope, bend, r)
+
+    @property
+    def outward(self) -> Points:
+        """(3,) unit vector out of the line; zero if all points coincide."""
+        return -self.slope / max(float(np.linalg.norm(self.slope)), 1e-12)
 
 
 def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Points:
@@ -49,11 +86,11 @@ def localise_end(line: Points, surface: Points, normals: Points, r: float) -> Po
         (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if fewer than
         `MIN_END_POINTS` surface points lie around the parabola, or if fewer than three line points would remain.
     """
-    terms = fit_end_parabola(line, END_FIT_RADII * r, r)
-    seen = _surface_along(terms, surface, normals, -2 * r, MAX_EXTENSION_RADII * r, r)
+    curve = EndCurve.fit(line, r)
+    seen = _surface_along(curve, surface, normals, -LAST_SURFACE_RADII * r, MAX_EXTENSION_RADII * r)
     if len(seen) < MIN_END_POINTS or float(np.median(np.diff(arc_length(line)))) <= 0:
         return line
-    return move_end(line, terms, _last_without_hole(seen, r), r)
+    return move_end(line, curve, _last_without_hole(seen, r))
 
 
 def extend_below_strand(line: Points, surface: Points, normals: Points, others: Points, r: float) -> Points:
@@ -73,37 +110,43 @@ def extend_below_strand(line: Points, surface: Points, normals: Points, others: 
         (L, 3) centre line from the end of the string, metres, base frame. The line is unchanged if no strand covers its
         extension, or if fewer than `MIN_END_POINTS` surface points lie around the extension beyond that strand.
     """
-    terms = fit_end_parabola(line, END_FIT_RADII * r, r)
-    direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
-    s = np.arange(0.0, MAX_COVER_RADII, 0.25) * r
-    ahead = terms[0] + s[:, None] * direction
-    near = others[np.linalg.norm(others - terms[0], axis=1) < (MAX_COVER_RADII + 2) * r]
-    above = near[near[:, 2] > terms[0, 2] + MIN_ABOVE_RADII * r]
+    curve = EndCurve.fit(line, r)
+    s = np.arange(0.0, MAX_COVER_RADII, COVER_STEP_RADII) * r
+    ahead = curve.origin + s[:, None] * curve.outward
+    near = others[np.linalg.norm(others - curve.origin, axis=1) < (MAX_COVER_RADII + NEAR_MARGIN_RADII) * r]
+    above = near[near[:, 2] > curve.origin[2] + MIN_ABOVE_RADII * r]
     if len(above) == 0:
         return line
-    covered = np.flatnonzero(KDTree(above[:, :2]).query(ahead[:, :2])[0] < r)
+    distance, _ = KDTree(above[:, :2]).query(ahead[:, :2])
+    covered = np.flatnonzero(distance < r)
     if len(covered) == 0 or s[covered[0]] > MAX_AHEAD_RADII * r:
         return line
-    # The covered part ends before the first index that is missing.
-    first_gaps = np.flatnonzero(np.diff(covered) > 1)
-    edge = float(s[covered[first_gaps[0] if len(first_gaps) else -1]])
-    seen = _surface_along(terms, surface, normals, edge - r, edge + MAX_EXTENSION_RADII * r, r)
+    # Only the first run of successive covered positions lies below that strand.
+    first_run = np.split(covered, np.flatnonzero(np.diff(covered) > 1) + 1)[0]
+    edge = float(s[first_run[-1]])
+    seen = _surface_along(curve, surface, normals, edge - r, edge + MAX_EXTENSION_RADII * r)
     if len(seen) < MIN_END_POINTS or seen[0] > edge + MAX_HOLE_RADII * r:
         return line
-    return move_end(line, terms, _last_without_hole(seen, r), r)
+    return move_end(line, curve, _last_without_hole(seen, r))
 
 
-def _surface_along(terms: Points, surface: Points, normals: Points, first: float, last: float, r: float) -> Points:
-    """Return the sorted positions (K,) along a parabola of the surface around it, between two positions, metres."""
-    direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
-    is_near = np.linalg.norm(surface - terms[0], axis=1) < max(-first, last) + 2 * r
-    offset, normal = surface[is_near] - terms[0], normals[is_near]
-    along = offset @ direction
+def _surface_along(curve: EndCurve, surface: Points, normals: Points, first: float, last: float) -> Points:
+    """Return the sorted positions (K,) along a parabola of the surface around it, between two positions, metres.
+
+    Positions beyond the end of the line are positive.
+    """
+    r = curve.r
+    outward = curve.outward
+    is_near = np.linalg.norm(surface - curve.origin, axis=1) < max(-first, last) + NEAR_MARGIN_RADII * r
+    offset = surface[is_near] - curve.origin
+    along = offset @ outward
     # The bend is fitted to a short part of the line. Beyond r, its displacement stays constant.
-    bend = terms[2] - (terms[2] @ direction) * direction
-    across = offset - along[:, None] * direction - bend * np.minimum(along, r)[:, None] ** 2
+    bend = curve.bend - (curve.bend @ outward) * outward
+    across = offset - along[:, None] * outward - bend * np.minimum(along, r)[:, None] ** 2
     distance = np.linalg.norm(across, axis=1)
-    is_around = (distance > 0.6 * r) & (distance < 1.35 * r) & ((across * normal).sum(axis=1) > 0.6 * distance)
+    min_distance, max_distance = (radii * r for radii in AROUND_RADII)
+    is_around = (distance > min_distance) & (distance < max_distance)
+    is_around &= (across * normals[is_near]).sum(axis=1) > MIN_AROUND_COSINE * distance
     return np.sort(along[is_around & (along > first) & (along < last)])
 
 
@@ -112,18 +155,17 @@ def _last_without_hole(seen: Points, r: float) -> float:
     holes = np.flatnonzero(np.diff(seen) > MAX_HOLE_RADII * r)
     if len(holes):
         seen = seen[: holes[0] + 1]
-    last = seen[seen > seen[-1] - 2 * r]
+    last = seen[seen > seen[-1] - LAST_SURFACE_RADII * r]
     return float(np.percentile(last, EDGE_PERCENTILE))
 
 
-def move_end(line: Points, terms: Points, end: float, r: float) -> Points:
+def move_end(line: Points, curve: EndCurve, end: float) -> Points:
     """Extend or shorten a centre line at its first point. The spacing of the points stays about the same.
 
     Args:
         line: (N, 3) centre line, metres.
-        terms: (3, 3) parabola through the first part of the line, as `fit_end_parabola` returns it.
+        curve: Parabola through the first part of the line.
         end: Distance of the new end beyond the first point, metres; negative shortens the line.
-        r: Radius of the string, metres.
 
     Returns:
         (K, 3) centre line from the new end. The line is unchanged if fewer than three points would remain.
@@ -132,9 +174,14 @@ def move_end(line: Points, terms: Points, end: float, r: float) -> Points:
     spacing = float(np.median(np.diff(s)))
     kept = line[s > max(-end, 0.0) + 0.5 * spacing]
     # The added points lie on the parabola in even steps, from the end of the string to the first kept point.
-    count = max(int(np.ceil((s[len(line) - len(kept)] + end) / spacing - 0.5)), 1) if len(kept) else 1
+    count = 1
+    if len(kept):
+        to_first_kept = s[len(line) - len(kept)] + end
+        count = max(int(np.ceil(to_first_kept / spacing - 0.5)), 1)
     added_s = -end + spacing * np.arange(count)
-    added = terms[0] + added_s[:, None] * terms[1] + np.maximum(added_s, -r)[:, None] ** 2 * terms[2]
+    # Beyond r, the displacement by the bend stays constant, as in `_surface_along`.
+    bend_s = np.maximum(added_s, -curve.r)
+    added = curve.origin + added_s[:, None] * curve.slope + bend_s[:, None] ** 2 * curve.bend
     moved = np.vstack([added, kept])
     # Keep the line if too few points would remain. The string classifier excludes lines that are too short.
     return moved if len(moved) > 2 else line

@@ -41,22 +41,20 @@ def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameter
     ends = strand_ends(strands, parameters)
     if len(ends) < 2:
         return None
-    points, directions = (np.array(values) for values in zip(*((e.point, e.direction) for e in ends), strict=True))
+    points = np.array([end.point for end in ends])
+    directions = np.array([end.direction for end in ends])
+    strand = np.array([end.strand for end in ends])
     lengths = np.array([arc_length(strands[end.strand].points)[-1] for end in ends])
+    # Entry [j, k] of the matrices is about end k as seen from end j.
     offset = points[None] - points[:, None]
     overlap = -np.einsum("jkx,jx->jk", offset, directions)
     aside = np.linalg.norm(offset + overlap[:, :, None] * directions[:, None], axis=2)
-    same_strand = np.array([[a.strand == b.strand for b in ends] for a in ends])
+    same_strand = strand[:, None] == strand
     r = parameters.r
     overlaps = (overlap > MIN_OVERLAP_RADII * r) & (overlap < MAX_OVERLAP_RADII * r) & (aside < MAX_LATERAL_RADII * r)
     overlaps &= overlaps.T & (directions @ directions.T < MAX_FACING_COSINE)
     overlaps &= ~(same_strand & (lengths < MIN_RING_RADII * r)[:, None])
-    j, k = np.nonzero(np.triu(overlaps, 1))
-    pairs: list[tuple[int, int]] = []
-    for n in np.argsort(aside[j, k], kind="stable"):
-        pair = (int(j[n]), int(k[n]))
-        if not any(set(pair) & set(other) for other in pairs):
-            pairs.append(pair)
+    pairs = _select_pairs(overlaps, aside)
     if not pairs:
         return None
     shortened = list(strands)
@@ -66,6 +64,22 @@ def merge_overlapping_ends(strands: Sequence[Strand], parameters: ChainParameter
             cut = overlap[pair] / 2 + EXTRA_CUT_RADII * r
             shortened[end.strand] = _shorten(shortened[end.strand], end.at_start, float(cut))
     return join_strands(shortened, strand_ends(shortened, parameters), pairs, parameters)
+
+
+def _select_pairs(overlaps: NDArray[np.bool_], aside: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return pairs of overlapping ends, each end in one pair at most, preferring pairs with a small lateral distance.
+
+    `overlaps` (N, N) is the mask of the possible pairs, and `aside` (N, N) their lateral distance, metres.
+    """
+    j, k = np.nonzero(np.triu(overlaps, 1))
+    pairs: list[tuple[int, int]] = []
+    paired: set[int] = set()
+    for n in np.argsort(aside[j, k], kind="stable"):
+        pair = (int(j[n]), int(k[n]))
+        if paired.isdisjoint(pair):
+            pairs.append(pair)
+            paired.update(pair)
+    return pairs
 
 
 def _shorten(strand: Strand, at_start: bool, length: float) -> Strand:

@@ -87,6 +87,16 @@ class FittedStrand:
 
 
 @dataclass(frozen=True, eq=False)
+class _Surface:
+    """Registered surface."""
+
+    points: Points
+    """(M, 3) surface points, metres, base frame."""
+    normals: Points
+    """(M, 3) outward unit normals."""
+
+
+@dataclass(frozen=True, eq=False)
 class Refinement:
     """All fitted strands of a scene, and the strand of each surface point."""
 
@@ -136,26 +146,31 @@ def refine(
         The fit is not in the paper. It replaces the means of eqs. (2) and (3), which are biased towards the seen
         surface: upwards, because the underside is hidden, and inwards in bends.
     """
-    r, support = parameters.r, support or SupportSurface()
-    strands = [strand for strand in strands if len(strand.points) > 1]
-    if not strands or len(surface) == 0:
-        return Refinement([], np.full(len(surface), -1), 0.0)
-
-    first_fit, scatter_m = _fit_to_sample(strands, surface, normals, r, bends)
-    measured_radii = _measure_radii(first_fit, support)
-    radii = _select_radii(measured_radii, scatter_m, r) if radius_is_given else measured_radii
-    lines = _localise_ends(strands, first_fit.lines, radii, surface, normals, r)
-
-    changed = None
-    if max_merges:
+    r = parameters.r
+    support = support or SupportSurface()
+    measured = _Surface(surface, normals)
+    n_merges = 0
+    while True:
+        strands = [strand for strand in strands if len(strand.points) > 1]
+        if not strands or len(surface) == 0:
+            return Refinement([], np.full(len(surface), -1), 0.0)
+        first_fit, scatter_m = _fit_to_sample(strands, measured, r, bends)
+        measured_radii = _measure_radii(first_fit, support)
+        radii = measured_radii
+        if radius_is_given:
+            radii = _select_radii(measured_radii, scatter_m, r)
+        lines = _localise_ends(strands, first_fit.lines, radii, measured, r)
+        if n_merges >= max_merges:
+            break
+        # Joined and split strands are fitted again from the start.
         located = _replace_lines(strands, lines)
         changed = merge_overlapping_ends(located, parameters)
         if changed is None:
             changed = split_at_visible_gaps(located, radii, surface, views)
-    if changed is not None:
-        return refine(
-            changed, surface, normals, parameters, support, max_merges - 1, views, radius_is_given, other_lines, bends
-        )
+        if changed is None:
+            break
+        strands = changed
+        n_merges += 1
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
     last_fit = TubeFit(lines, r, surface, normals, radii, bends)
@@ -166,11 +181,11 @@ def refine(
 
 
 def _fit_to_sample(
-    strands: Sequence[Strand], surface: Points, normals: Points, r: float, bends: Points | None
+    strands: Sequence[Strand], surface: _Surface, r: float, bends: Points | None
 ) -> tuple[TubeFit, float]:
     """Fit lines and radii to every second surface point. Return the fit and the sigma of its residuals, metres."""
     lines = [_resample_evenly(strand, r) for strand in strands]
-    fit = TubeFit(lines, r, surface[::SAMPLE_STRIDE], normals[::SAMPLE_STRIDE], bends=bends)
+    fit = TubeFit(lines, r, surface.points[::SAMPLE_STRIDE], surface.normals[::SAMPLE_STRIDE], bends=bends)
     assigned = _iterate(fit, FIRST_FIT_STEPS, RADIUS_SIGMA_SHARE * r)
     return fit, assigned.sigma
 
@@ -205,42 +220,44 @@ def _localise_ends(
     strands: Sequence[Strand],
     lines: Sequence[Points],
     radii: NDArray[np.float64],
-    surface: Points,
-    normals: Points,
+    surface: _Surface,
     r: float,
 ) -> list[Points]:
     """Move the two ends of each open line to the ends of its string. Closed lines are unchanged."""
-    fit = TubeFit(lines, r, surface, normals, radii)
+    fit = TubeFit(lines, r, surface.points, surface.normals, radii)
     open_lines = [k for k, strand in enumerate(strands) if not strand.closed]
-    link = np.full(len(surface), -1)
+    # Link of each surface point; -1 for surface on no strand.
+    link = np.full(len(surface.points), -1)
     # A single line that stays away from its own ends needs no assignment: all surface shows its ends.
     if len(lines) > 1 or any(_is_near_own_end(lines[k], radii[k]) for k in open_lines):
         assigned = fit.assign()
         link[assigned.point] = assigned.link
     localised = list(lines)
     for k in open_lines:
-        s, first = arc_length(lines[k]), fit.rows(k).start
+        s = arc_length(lines[k])
         for from_end in (s, s[-1] - s):
             # Surface on other strands, and on this strand away from the end, does not show the end.
-            is_foreign = np.ones(len(fit.points) + 1, dtype=bool)
-            is_foreign[first : first + len(s)] = from_end > OWN_END_RADII * radii[k]
-            is_foreign[-1] = False  # link -1: surface on no strand
-            is_own = ~is_foreign[link]
-            own_surface, own_normals = surface[is_own], normals[is_own]
-            line = localise_end(localised[k], own_surface, own_normals, radii[k])
+            is_own_link = np.zeros(len(fit.points) + 1, dtype=bool)
+            is_own_link[fit.rows(k)] = from_end <= OWN_END_RADII * radii[k]
+            is_own_link[-1] = True  # link -1: surface on no strand
+            is_own = is_own_link[link]
+            own_points = surface.points[is_own]
+            own_normals = surface.normals[is_own]
+            line = localise_end(localised[k], own_points, own_normals, radii[k])
             others = other_strand_points([*lines[:k], line, *lines[k + 1 :]], k, radii[k])
             # Each pass treats the first point and turns the line round.
-            localised[k] = extend_below_strand(line, own_surface, own_normals, others, radii[k])[::-1]
+            localised[k] = extend_below_strand(line, own_points, own_normals, others, radii[k])[::-1]
     return localised
 
 
 def _is_near_own_end(line: Points, r: float) -> bool:
     """Return whether a line comes near one of its two ends again."""
-    near = 2 * MAX_EXTENSION_RADII * r
-    return any(
-        bool((np.linalg.norm(end[arc_length(end) > OWN_END_RADII * r] - end[0], axis=1) < near).any())
-        for end in (line, line[::-1])
-    )
+    for from_end in (line, line[::-1]):
+        rest = from_end[arc_length(from_end) > OWN_END_RADII * r]
+        distance = np.linalg.norm(rest - from_end[0], axis=1)
+        if (distance < 2 * MAX_EXTENSION_RADII * r).any():
+            return True
+    return False
 
 
 def _localise_ends_in_images(
@@ -253,7 +270,9 @@ def _localise_ends_in_images(
     """Move the two ends of each open line to where the depth images show them. Closed lines are unchanged."""
     localised = list(lines)
     for k, strand in enumerate(strands):
-        for _ in range(0 if strand.closed else 2):
+        if strand.closed:
+            continue
+        for _ in range(2):
             others = other_strand_tree([*localised, *other_lines], k, radii[k])
             # Each pass treats the first point and turns the line round.
             localised[k] = localise_end_in_images(localised[k], views, others, radii[k])[::-1]
@@ -262,10 +281,11 @@ def _localise_ends_in_images(
 
 def _replace_lines(strands: Sequence[Strand], lines: Sequence[Points]) -> list[Strand]:
     """Return the strands with fitted lines in place of the traced lines. Closed strands are unchanged."""
-    return [
-        strand if strand.closed else Strand(line, np.zeros(len(line), dtype=bool))
-        for strand, line in zip(strands, lines, strict=True)
-    ]
+    replaced = list(strands)
+    for k, line in enumerate(lines):
+        if not strands[k].closed:
+            replaced[k] = Strand(line, np.zeros(len(line), dtype=bool))
+    return replaced
 
 
 def _iterate(fit: TubeFit, groups: Sequence[int], radius_sigma: float | None) -> Assignment:
@@ -289,8 +309,11 @@ def _resample_evenly(strand: Strand, r: float) -> Points:
     """Resample the line of a strand in even steps. A closed line overlaps itself by `SEAM_OVERLAP` points."""
     points = close_polyline(strand.points, strand.closed)
     length = float(arc_length(points)[-1])
-    line = points_at(points, np.linspace(0.0, length, max(round(length / (STEP_RADII * r)), 2) + 1))
-    return np.vstack([line, line[1 : SEAM_OVERLAP + 1]]) if strand.closed else line
+    n_steps = max(round(length / (STEP_RADII * r)), 2)
+    line = points_at(points, np.linspace(0.0, length, n_steps + 1))
+    if strand.closed:
+        line = np.vstack([line, line[1 : SEAM_OVERLAP + 1]])
+    return line
 
 
 def _collect_strands(
@@ -304,14 +327,16 @@ def _collect_strands(
     all_support = fit.support(assigned)
     fitted = []
     for k, strand in enumerate(strands):
-        points, support = fit.points[fit.rows(k)], all_support[fit.rows(k)]
+        rows = fit.rows(k)
         if strand.closed:
             # Cut in the middle of the overlap, far from the two ends of the fitted line.
-            once = slice(SEAM_OVERLAP // 2, len(points) - 1 - SEAM_OVERLAP + SEAM_OVERLAP // 2)
-            points, support = points[once], support[once]
+            first = rows.start + SEAM_OVERLAP // 2
+            n_points = rows.stop - rows.start - 1 - SEAM_OVERLAP
+            rows = slice(first, first + n_points)
+        support = all_support[rows]
         fitted.append(
             FittedStrand(
-                points=points,
+                points=fit.points[rows],
                 closed=strand.closed,
                 bridged=support < MIN_SEEN_SUPPORT_SHARE * np.median(support),
                 support=support,

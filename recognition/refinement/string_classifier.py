@@ -87,6 +87,42 @@ class StringClassification:
     """Robust standard deviation of the surface about the tubes of the strands, metres."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A fitted strand that may be a string."""
+
+    strand: FittedStrand
+    """Fitted strand."""
+    length_m: float
+    """Length of the strand, metres."""
+    on_tube_share: float
+    """Share of the surface points beside the strand that lie on its tube, 0 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Excluded:
+    """A candidate that is no string."""
+
+    candidate: _Candidate
+    """The excluded candidate."""
+    code: FindingCode
+    """Code of the finding on it."""
+    reason: str
+    """Why it is no string, for the message of the finding."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """What is known of the scene around the strands."""
+
+    surface: NDArray[np.float64]
+    """(M, 3) registered surface points, metres, base frame."""
+    support: SupportSurface
+    """What the strings rest on."""
+    r: float
+    """Radius of the strings, metres."""
+
+
 def classify_strings(
     refinement: Refinement,
     surface: NDArray[np.float64],
@@ -111,52 +147,21 @@ def classify_strings(
         a string gives a doubt: a long one that was hardly seen, one that lies alone on the table, unless it is
         certainly square, a long one that lies on a large object as a string would, a rod, a fold, and a ridge.
     """
-    strands, support = refinement.strands, support or SupportSurface()
-    on_tube_shares = _on_tube_shares(refinement, surface, parameters, support)
-    kept: list[int] = []
-    excluded: list[tuple[int, FindingCode, str]] = []
-    lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in strands]
-    for k in np.argsort(-np.array(lengths), kind="stable").tolist():
-        usual_support = float(np.median(strands[kept[0]].support)) if kept else 0.0
-        exclusion = _exclusion(
-            strands[k], lengths[k], float(on_tube_shares[k]), usual_support, parameters.r, support.table_z_m
-        )
-        if exclusion is None:
-            kept.append(k)
-        else:
-            excluded.append((k, *exclusion))
-    rods = [k for k in kept if is_other_rod(strands[k], parameters.r)]
-    reasons = {
-        k: _rod_reason(strands[k])
-        if k in rods and len(rods) < len(kept)
-        else _ridge_reason(k, kept, strands, lengths[k], surface, parameters.r, support.table_z_m)
-        for k in kept
-    }
-    kept_strands = [strands[k] for k in kept if reasons[k] is None]
-    possible = [
-        excluded_piece("possible-string", strands[k].points, lengths[k], f"{reason}; look at it")
-        for k, reason in reasons.items()
-        if reason is not None
-    ]
+    surroundings = _Surroundings(surface, support or SupportSurface(), parameters.r)
+    candidates = _measure_candidates(refinement, surroundings, parameters.z_t)
+    kept, excluded = _select_round(candidates, surroundings)
+    strings, other_shapes = _select_strings(kept, surroundings)
+
+    possible = [_possible_string(found, "look at it") for found in other_shapes]
     pieces = []
-    for k, code, reason in excluded:
-        strand, length = strands[k], lengths[k]
-        match code:
-            case "piece-too-short" | "piece-upright":
-                may_be_string = False
-            case "piece-hardly-seen":
-                may_be_string = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
-            case _:
-                is_tube = on_tube_shares[k] >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
-                may_be_string = is_tube and lies_alone(strand, kept_strands, surface, parameters.r)
-                is_long = length >= MIN_POSSIBLE_STRING_RADII * parameters.r
-                may_be_string |= is_long and _rests_on_object(strand, support)
-        if may_be_string:
-            possible.append(excluded_piece("possible-string", strand.points, length, f"{reason}; {ADVICE[code]}"))
+    for found in excluded:
+        if _may_be_string(found, strings, surroundings):
+            possible.append(_possible_string(found, ADVICE[found.code]))
         else:
-            pieces.append(excluded_piece(code, strand.points, length, reason))
-    strings = sorted(map(_orient, kept_strands), key=lambda string: order_key(string.points, string.closed))
-    return StringClassification(tuple(strings), (*possible, *shortened(pieces)), refinement.scatter_m)
+            piece = found.candidate
+            pieces.append(excluded_piece(found.code, piece.strand.points, piece.length_m, found.reason))
+    ordered = sorted(map(_orient, strings), key=lambda string: order_key(string.points, string.closed))
+    return StringClassification(tuple(ordered), (*possible, *shortened(pieces)), refinement.scatter_m)
 
 
 def max_squareness(strand: FittedStrand) -> float:
@@ -164,64 +169,105 @@ def max_squareness(strand: FittedStrand) -> float:
     return strand.squareness + UNCERTAIN_SIGMAS * strand.squareness_sigma
 
 
-def _exclusion(
-    strand: FittedStrand, length_m: float, on_tube_share: float, usual_support: float, r: float, table_z_m: float
-) -> tuple[FindingCode, str] | None:
-    """Return the code and the reason why a strand is certainly no string on the table, or None.
+def _measure_candidates(refinement: Refinement, surroundings: _Surroundings, z_t: float) -> list[_Candidate]:
+    """Return all fitted strands with their lengths and shares on the tube, the longest first."""
+    shares = _on_tube_shares(refinement, surroundings, z_t)
+    lengths = [float(arc_length(close_polyline(strand.points, strand.closed))[-1]) for strand in refinement.strands]
+    longest_first = np.argsort(-np.array(lengths), kind="stable")
+    return [_Candidate(refinement.strands[k], lengths[k], float(shares[k])) for k in longest_first]
 
-    Args:
-        strand: Fitted strand.
-        length_m: Length of the strand, metres.
-        on_tube_share: Share of the surface beside it that lies on its tube, 0 to 1.
-        usual_support: Median support of the longest string.
-        r: Radius of the strings, metres.
-        table_z_m: Height of the table, metres.
+
+def _select_round(
+    candidates: Sequence[_Candidate], surroundings: _Surroundings
+) -> tuple[list[_Candidate], list[_Excluded]]:
+    """Return the candidates that are round and supported, and those that are certainly no strings on the table."""
+    kept: list[_Candidate] = []
+    excluded: list[_Excluded] = []
+    usual_support = 0.0
+    for candidate in candidates:
+        exclusion = _exclusion(candidate, usual_support, surroundings)
+        if exclusion is not None:
+            excluded.append(exclusion)
+            continue
+        if not kept:
+            # The longest string comes first.
+            usual_support = float(np.median(candidate.strand.support))
+        kept.append(candidate)
+    return kept, excluded
+
+
+def _exclusion(candidate: _Candidate, usual_support: float, surroundings: _Surroundings) -> _Excluded | None:
+    """Return why a candidate is certainly no string on the table, or None.
+
+    `usual_support` is the median support of the longest string.
     """
+    strand = candidate.strand
     is_supported = np.mean(strand.support >= MIN_STRING_SUPPORT_SHARE * usual_support) >= MIN_SUPPORTED_SHARE
-    if length_m < MIN_LENGTH_RADII * r:
-        return "piece-too-short", "too short to be distinguished from noise"
+    if candidate.length_m < MIN_LENGTH_RADII * surroundings.r:
+        return _Excluded(candidate, "piece-too-short", "too short to be distinguished from noise")
     if not is_supported:
-        return "piece-hardly-seen", "hardly any surface supports it"
-    if not _is_round(strand, r) or on_tube_share < MIN_ON_TUBE_SHARE:
-        return "piece-not-round", "its surface is not round enough"
-    if _is_in_table(strand, table_z_m):
-        return "piece-in-table", "its tube would reach into the table"
+        return _Excluded(candidate, "piece-hardly-seen", "hardly any surface supports it")
+    if not _is_round(strand, surroundings.r) or candidate.on_tube_share < MIN_ON_TUBE_SHARE:
+        return _Excluded(candidate, "piece-not-round", "its surface is not round enough")
+    if _is_in_table(strand, surroundings.support.table_z_m):
+        return _Excluded(candidate, "piece-in-table", "its tube would reach into the table")
     if is_upright(strand.points):
-        return "piece-upright", "it stands upright, as a post"
+        return _Excluded(candidate, "piece-upright", "it stands upright, as a post")
     return None
 
 
-def _rod_reason(strand: FittedStrand) -> str:
-    return f"it is straight as a rod, and its radius is {strand.radius_m * 1000:.1f} mm"
+def _select_strings(
+    kept: Sequence[_Candidate], surroundings: _Surroundings
+) -> tuple[list[FittedStrand], list[_Excluded]]:
+    """Return the strings among the round candidates, and those that are rods, folds or ridges."""
+    rods = [candidate for candidate in kept if is_other_rod(candidate.strand, surroundings.r)]
+    # If all of them are rods, they may as well be the strings.
+    has_string = len(rods) < len(kept)
+    strings: list[FittedStrand] = []
+    excluded: list[_Excluded] = []
+    for candidate in kept:
+        if has_string and candidate in rods:
+            reason = f"it is straight as a rod, and its radius is {candidate.strand.radius_m * 1000:.1f} mm"
+        else:
+            reason = _ridge_reason(candidate, kept, surroundings)
+        if reason is None:
+            strings.append(candidate.strand)
+        else:
+            excluded.append(_Excluded(candidate, "possible-string", reason))
+    return strings, excluded
 
 
-def _ridge_reason(
-    k: int,
-    kept: Sequence[int],
-    strands: Sequence[FittedStrand],
-    length_m: float,
-    surface: NDArray[np.float64],
-    r: float,
-    table_z_m: float,
-) -> str | None:
-    """Return why a round strand is a fold or a ridge, or None. Long strands are neither.
-
-    Args:
-        k: Index of the strand.
-        kept: Indices of all round strands.
-        strands: Fitted strands.
-        length_m: Length of the strand, metres.
-        surface: (M, 3) registered surface points, metres, base frame.
-        r: Radius of the strings, metres.
-        table_z_m: Height of the table, metres.
-    """
-    if length_m >= MIN_POSSIBLE_STRING_RADII * r:
+def _ridge_reason(candidate: _Candidate, kept: Sequence[_Candidate], surroundings: _Surroundings) -> str | None:
+    """Return why a round candidate is a fold or a ridge, or None. Long ones are neither."""
+    if candidate.length_m >= MIN_POSSIBLE_STRING_RADII * surroundings.r:
         return None
-    if is_fold(strands[k], r, table_z_m):
+    if is_fold(candidate.strand, surroundings.r, surroundings.support.table_z_m):
         return "it is higher than a string of its width would lie, as a fold"
-    if is_ridge(strands[k], [strands[other] for other in kept if other != k], surface, r):
+    others = [other.strand for other in kept if other is not candidate]
+    if is_ridge(candidate.strand, others, surroundings.surface, surroundings.r):
         return "uneven surface on both sides, as beside a fold or a ridge"
     return None
+
+
+def _may_be_string(found: _Excluded, strings: Sequence[FittedStrand], surroundings: _Surroundings) -> bool:
+    """Return whether an excluded candidate may be a string after all, given the strings of the scene."""
+    strand = found.candidate.strand
+    is_long = found.candidate.length_m >= MIN_POSSIBLE_STRING_RADII * surroundings.r
+    match found.code:
+        case "piece-too-short" | "piece-upright":
+            return False
+        case "piece-hardly-seen":
+            return is_long
+    is_tube = found.candidate.on_tube_share >= MIN_ON_TUBE_SHARE and not _is_certainly_square(strand)
+    if is_tube and lies_alone(strand, strings, surroundings.surface, surroundings.r):
+        return True
+    return is_long and _rests_on_object(strand, surroundings.support)
+
+
+def _possible_string(found: _Excluded, advice: str) -> Finding:
+    """Return the doubt about a candidate that may be a string."""
+    candidate = found.candidate
+    return excluded_piece("possible-string", candidate.strand.points, candidate.length_m, f"{found.reason}; {advice}")
 
 
 def _is_round(strand: FittedStrand, r: float) -> bool:
@@ -249,25 +295,26 @@ def _is_in_table(strand: FittedStrand, table_z_m: float) -> bool:
     return height < MIN_HEIGHT_SHARE * strand.radius_m
 
 
-def _on_tube_shares(
-    refinement: Refinement, surface: NDArray[np.float64], parameters: ChainParameters, support: SupportSurface
-) -> NDArray[np.float64]:
+def _on_tube_shares(refinement: Refinement, surroundings: _Surroundings, z_t: float) -> NDArray[np.float64]:
     """Return the share (K,) of the surface points beside each strand that lie on its tube, 0 to 1.
 
     Each surface point counts for the nearest strand only. Beside a strand that rests on an object, only points at more
     than z_t above the object count, as the height threshold has removed the table but not the object.
     """
     strands = refinement.strands
+    support = surroundings.support
     if not strands:
         return np.empty(0)
     strand_of_line_point = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
-    radii = np.array([max(strand.radius_m, parameters.r) for strand in strands])
+    radii = np.array([max(strand.radius_m, surroundings.r) for strand in strands])
     floor = np.array([support.height_under(strand.points, strand.radius_m) for strand in strands])
-    lowest = np.where(floor > support.table_z_m, floor + parameters.z_t, -np.inf)
+    lowest = np.where(floor > support.table_z_m, floor + z_t, -np.inf)
+    surface = surroundings.surface
     distance, indices = KDTree(np.vstack([strand.points for strand in strands])).query(surface)
     nearest = strand_of_line_point[np.asarray(indices)]
     is_beside = (np.asarray(distance) < MAX_BESIDE_RADII * radii[nearest]) & (surface[:, 2] > lowest[nearest])
-    nearest, actual = nearest[is_beside], refinement.strand_of_point[is_beside]
+    nearest = nearest[is_beside]
+    actual = refinement.strand_of_point[is_beside]
     count = np.bincount(nearest, minlength=len(strands))
     return np.bincount(nearest, actual == nearest, len(strands)) / np.maximum(count, 1)
 
@@ -275,5 +322,9 @@ def _on_tube_shares(
 def _orient(strand: FittedStrand) -> FittedStrand:
     """Bring the points of a strand into the order of the model (see `canonical_line`)."""
     line = canonical_line(strand.points, strand.closed)
-    bridged, support = strand.bridged[line.source], strand.support[line.source]
-    return replace(strand, points=line.points, bridged=bridged, support=support)
+    return replace(
+        strand,
+        points=line.points,
+        bridged=strand.bridged[line.source],
+        support=strand.support[line.source],
+    )

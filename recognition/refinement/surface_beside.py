@@ -37,16 +37,18 @@ def is_ridge(strand: FittedStrand, others: Sequence[FittedStrand], surface: NDAr
     radius = max(strand.radius_m, r)
     along = np.gradient(strand.points, axis=0)[:, :2]
     left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True).clip(min=1e-9)
-    between, heights = 0, []
-    for point, to_left, near in zip(
-        strand.points, left, KDTree(beside).query_ball_point(strand.points, BESIDE_RADII[1] * radius), strict=True
-    ):
-        offset = (beside[near, :2] - point[:2]) @ to_left
-        sides = [beside[near, 2][offset > radius], beside[near, 2][offset < -radius]]
-        if all(len(z) for z in sides):
-            between += 1
-            heights.extend(float(np.median(z)) for z in sides)
-    if between <= MAX_UNEVEN_SHARE * len(strand.points):
+    near = KDTree(beside).query_ball_point(strand.points, BESIDE_RADII[1] * radius)
+    # Heights on both sides of the points that have surface on both sides, one after the other.
+    heights: list[float] = []
+    for k, indices in enumerate(near):
+        to_left = (beside[indices, :2] - strand.points[k, :2]) @ left[k]
+        z = beside[indices, 2]
+        z_left = z[to_left > radius]
+        z_right = z[to_left < -radius]
+        if len(z_left) and len(z_right):
+            heights += [float(np.median(z_left)), float(np.median(z_right))]
+    n_between = len(heights) // 2
+    if n_between <= MAX_UNEVEN_SHARE * len(strand.points):
         return False
     low, high = np.percentile(heights, (10, 90))
     return bool(high - low >= MIN_UNEVEN_RADII * radius)

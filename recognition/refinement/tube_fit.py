@@ -49,6 +49,16 @@ SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
 """Coefficients of the second difference at a point: of the point before it, of itself, and of the point after it."""
 MAX_CANDIDATES = 4
 """Number of nearest links that are tried for each surface point. At a crossing, these must include both strands."""
+NORMAL_COST_RADII = 0.5
+"""Cost of a link for one minus the cosine between the normal and the direction from the link, in radii r."""
+ALONG_DAMPING = 3.0
+"""Damping of the motion of a point along its line, in mean diagonal entries of the normal matrix."""
+DAMPING_SHARE = 1e-3
+"""Damping of the motion of a point in every direction, as a share of the damping along the line."""
+RADIUS_LIMITS = (0.4, 2.5)
+"""Smallest and largest fitted radius, in radii r."""
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of normally distributed residuals, in medians of their absolute values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +108,9 @@ class TubeFit:
         radii: NDArray[np.float64] | None = None,
         bends: Points | None = None,
     ) -> None:
-        self.r, self.surface, self.normals = r, surface, normals
+        self.r = r
+        self.surface = surface
+        self.normals = normals
         self.points = np.vstack(lines)
         lengths = [len(line) for line in lines]
         self.starts = np.concatenate([[0], np.cumsum(lengths)])
@@ -106,7 +118,8 @@ class TubeFit:
         self.radii = np.full(len(lines), r) if radii is None else radii
         self._is_link = np.ones(len(self.points), dtype=bool)
         self._is_link[self.starts[1:] - 1] = False
-        self._inner = np.setdiff1d(np.arange(len(self.points)), np.concatenate([self.starts[:-1], self.starts[1:] - 1]))
+        ends = np.concatenate([self.starts[:-1], self.starts[1:] - 1])
+        self._inner = np.setdiff1d(np.arange(len(self.points)), ends)
         self._bending_weights = _bending_weights(self._inner, self.starts, r)
         if bends is not None and len(bends):
             distance, _ = KDTree(bends).query(self.points[self._inner], distance_upper_bound=TIGHT_RADII * r)
@@ -128,12 +141,12 @@ class TubeFit:
         tree = KDTree((self.points[links] + self.points[links + 1]) / 2)
         count = min(MAX_CANDIDATES, len(links))
         max_distance = float(self.radii.max()) + MAX_RESIDUAL_RADII * self.r + self.r
-        nearest = tree.query(self.surface, count, distance_upper_bound=max_distance)[1]
+        _, nearest = tree.query(self.surface, count, distance_upper_bound=max_distance)
         nearest = nearest.reshape(len(self.surface), count)
         point, candidate = np.nonzero(nearest < len(links))
         candidates = self._project(point, links[nearest[point, candidate]])
         cosine = _dot(candidates.outward.T, self.normals.T.take(candidates.point, axis=1))
-        cost = np.abs(candidates.residual) + 0.5 * self.r * (1 - cosine)
+        cost = np.abs(candidates.residual) + NORMAL_COST_RADII * self.r * (1 - cosine)
         # The candidates are in the order of the surface points. The first one with the lowest cost is the best.
         lowest = np.full(len(self.surface), np.inf)
         np.minimum.at(lowest, candidates.point, cost)
@@ -161,27 +174,29 @@ class TubeFit:
         weight = assigned.weight / assigned.sigma**2
         bands, gradient, border = self._normal_equations(assigned, weight)
         # The surface constrains neither motion along a line nor points without surface. Damp these motions.
-        hold = 3 * float(bands[N_BANDS].mean())
-        bands[N_BANDS] += 1e-3 * hold
+        hold = ALONG_DAMPING * float(bands[N_BANDS].mean())
+        bands[N_BANDS] += DAMPING_SHARE * hold
         t = self._tangents()
         for p in range(3):
             for q in range(p, 3):
                 bands[N_BANDS - (q - p), q::3] += hold * t[:, p] * t[:, q]
         solved = solveh_banded(bands, np.column_stack([gradient, border]))
-        change = np.zeros(len(self.radii))
-        line_of_row, line = np.repeat(self.line_of_point, 3), self.line_of_point[assigned.link]
+        move = solved[:, 0]
+        move_per_radius = solved[:, 1]
+        line_of_row = np.repeat(self.line_of_point, 3)
+        n_lines = len(self.radii)
+        change = np.zeros(n_lines)
         if radius_sigma is not None:
             # Eliminate the points (Schur complement) and solve for the radii first.
-            pull = group_sums(line, -weight * assigned.residual, len(change)) + (self.radii - self.r) / radius_sigma**2
-            stiffness = (
-                group_sums(line, weight, len(change))
-                + radius_sigma**-2
-                - group_sums(line_of_row, border * solved[:, 1], len(change))
-            )
-            change = (group_sums(line_of_row, border * solved[:, 0], len(change)) - pull) / stiffness
-            change = np.clip(self.radii + change, 0.4 * self.r, 2.5 * self.r) - self.radii
+            line = self.line_of_point[assigned.link]
+            pull = group_sums(line, -weight * assigned.residual, n_lines) + (self.radii - self.r) / radius_sigma**2
+            own_stiffness = group_sums(line, weight, n_lines) + radius_sigma**-2
+            stiffness = own_stiffness - group_sums(line_of_row, border * move_per_radius, n_lines)
+            change = (group_sums(line_of_row, border * move, n_lines) - pull) / stiffness
+            smallest, largest = (share * self.r for share in RADIUS_LIMITS)
+            change = np.clip(self.radii + change, smallest, largest) - self.radii
         self.radii = self.radii + change
-        self.points = self.points - (solved[:, 0] + solved[:, 1] * change[line_of_row]).reshape(-1, 3)
+        self.points = self.points - (move + move_per_radius * change[line_of_row]).reshape(-1, 3)
 
     def support(self, assigned: Assignment) -> NDArray[np.float64]:
         """Return the support (N,) of each line point: the sum of the weights of its surface points.
@@ -216,7 +231,9 @@ class TubeFit:
         is_on &= _dot(outward, self.normals.T.take(point, axis=1)) > MIN_NORMAL_COSINE
         on = np.flatnonzero(is_on)
         residual = residual[on]
-        sigma = max(1.4826 * float(np.median(np.abs(residual))), MIN_SIGMA_RADII * self.r) if len(residual) else self.r
+        sigma = self.r
+        if len(residual):
+            sigma = max(SIGMA_PER_MAD * float(np.median(np.abs(residual))), MIN_SIGMA_RADII * self.r)
         weight = np.maximum(1 - (residual / (TUKEY_SIGMAS * sigma)) ** 2, 0.0) ** 2
         return Assignment(point[on], link[on], fraction[on], outward.take(on, axis=1).T, residual, weight, sigma)
 
@@ -235,7 +252,9 @@ class TubeFit:
         `weight` (K,) are the weights of the residuals.
         """
         count = len(self.points)
-        bands, gradient, border = self._bending_bands.copy(), self._bending_gradient(), np.zeros(3 * count)
+        bands = self._bending_bands.copy()
+        gradient = self._bending_gradient()
+        border = np.zeros(3 * count)
         shares = np.stack([1 - assigned.fraction, assigned.fraction])
         J = -(shares[:, None] * assigned.outward.T).reshape(6, -1)
         weighted_J = weight * J

@@ -54,8 +54,11 @@ def split_at_visible_gaps(
     is_split = False
     for strand, r in zip(strands, radii, strict=True):
         gaps = _visible_gaps(strand, float(r), surface, views)
-        is_split |= bool(len(gaps))
-        parts += _split(strand, gaps, MIN_PART_RADII * float(r)) if len(gaps) else [strand]
+        if len(gaps):
+            is_split = True
+            parts += _split(strand, gaps, MIN_PART_RADII * float(r))
+        else:
+            parts.append(strand)
     return parts if is_split else None
 
 
@@ -66,19 +69,19 @@ def _visible_gaps(strand: Strand, r: float, surface: Points, views: Sequence[Nor
     """
     line = close_polyline(strand.points, strand.closed)
     s = resampled_lengths(line, STEP_RADII * r)
-    counts = count_views(points_at(line, s), r, views)
+    axis = points_at(line, s)
+    counts = count_views(axis, r, views)
     is_gap = counts.through >= MIN_EXTENT_VIEWS
     if not strand.closed:
         is_gap &= (s > r) & (s < s[-1] - r)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_gap, [False]])))
-    parts = zip(edges[::2], edges[1::2], strict=True)
-    gaps = [(first, stop) for first, stop in parts if counts.is_free[first:stop].any()]
+    runs = [slice(first, stop) for first, stop in zip(edges[::2], edges[1::2], strict=True)]
+    gaps = [run for run in runs if counts.is_free[run].any()]
     if gaps:
-        support = _count_on_tube(points_at(line, s), r, surface)
+        support = _count_on_tube(axis, r, surface)
         max_support = MAX_SUPPORT_SHARE * float(np.median(support))
-        gaps = [(first, stop) for first, stop in gaps if support[first:stop].mean() < max_support]
-    gaps = [(s[first], s[stop - 1]) for first, stop in gaps]
-    return np.array(gaps).reshape(-1, 2)
+        gaps = [gap for gap in gaps if support[gap].mean() < max_support]
+    return np.array([(s[gap][0], s[gap][-1]) for gap in gaps]).reshape(-1, 2)
 
 
 def _count_on_tube(points: Points, r: float, surface: Points) -> NDArray[np.int64]:
@@ -90,16 +93,20 @@ def _count_on_tube(points: Points, r: float, surface: Points) -> NDArray[np.int6
 
 def _split(strand: Strand, gaps: NDArray[np.float64], min_length: float) -> list[Strand]:
     """Return the parts of a strand between its gaps (M, 2) that are at least `min_length` metres long."""
-    points, bridged, closed = strand.points, strand.bridged, strand.closed
+    points = strand.points
+    bridged = strand.bridged
     s = arc_length(points)
-    if closed:
+    if strand.closed:
         # The parts of a closed strand begin after its first gap.
         first = int(np.searchsorted(s, gaps[0, 1], side="right"))
         length = float(arc_length(close_polyline(points, True))[-1])
         s = np.concatenate([s[first:], s[:first] + length])
-        points, bridged = np.roll(points, -first, axis=0), np.roll(bridged, -first)
+        points = np.roll(points, -first, axis=0)
+        bridged = np.roll(bridged, -first)
         gaps = np.vstack([gaps[1:], gaps[:1] + length])
-    starts, stops = np.concatenate([[-np.inf], gaps[:, 1]]), np.concatenate([gaps[:, 0], [np.inf]])
+    # A part lies between the last arc length of a gap and the first one of the next gap.
+    starts = np.concatenate([[-np.inf], gaps[:, 1]])
+    stops = np.concatenate([gaps[:, 0], [np.inf]])
     parts = []
     for start, stop in zip(starts, stops, strict=True):
         part = (s > start) & (s < stop)
