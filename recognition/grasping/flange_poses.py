@@ -44,9 +44,10 @@ def T_flange_tcp(gripper: Gripper) -> NDArray[np.float64]:
     Args:
         gripper: Gripper with its length and its rotation on the flange.
     """
-    c, s = np.cos(gripper.mounting_rotation_rad), np.sin(gripper.mounting_rotation_rad)
+    cosine = np.cos(gripper.mounting_rotation_rad)
+    sine = np.sin(gripper.mounting_rotation_rad)
     T = np.eye(4)
-    T[:2, :2] = (c, -s), (s, c)
+    T[:2, :2] = [[cosine, -sine], [sine, cosine]]
     T[2, 3] = gripper.length_m
     return T
 
@@ -85,11 +86,13 @@ def flange_poses(
         The poses of the flange, one of the two equivalent turns about the approach direction.
     """
     T_tcp_flange = np.linalg.inv(T_flange_tcp(gripper))
-    back = approach_distance_m(gripper) if approach_m is None else approach_m
+    if approach_m is None:
+        approach_m = approach_distance_m(gripper)
     T_grasp_tcp = np.broadcast_to(np.eye(4), T_base_grasp.shape).copy()
     T_grasp_tcp[:, 2, 3] = reach_m
     grasp = T_base_grasp @ T_grasp_tcp @ T_tcp_flange
-    pregrasp, retreat = grasp.copy(), grasp.copy()
-    pregrasp[:, :3, 3] -= back * grasp[:, :3, 2]
+    pregrasp = grasp.copy()
+    pregrasp[:, :3, 3] -= approach_m * grasp[:, :3, 2]
+    retreat = grasp.copy()
     retreat[:, :3, 3] -= lift_m * grasp[:, :3, 2]
     return FlangePoses(pregrasp, grasp, retreat)

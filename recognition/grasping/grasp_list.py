@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.grasping.candidates import finger_window
 from recognition.grasping.flange_poses import LIFT_M, flange_poses
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.obstacles import ObjectPoints, Obstacles
@@ -57,18 +58,18 @@ def list_grasps(
     """
     if not grasps:
         return ()
-    described = [
-        grasp
-        for chain in chains
-        if (of_chain := [grasp for grasp in grasps if grasp.chain == chain.id])
-        for grasp in _describe(of_chain, chain, crossings, obstacles.objects, gripper)
-    ]
+    described: list[Grasp] = []
+    for chain in chains:
+        on_chain = [grasp for grasp in grasps if grasp.chain == chain.id]
+        if on_chain:
+            described += _describe(on_chain, chain, crossings, obstacles.objects, gripper)
     ordered = sorted(described, key=_rank)
     by_id = {chain.id: ChainInterpolator(chain) for chain in chains}
     cluster = _clusters(ordered, by_id)
     poses = flange_poses(
         np.array([grasp.T_base_grasp for grasp in ordered]), [grasp.reach_m for grasp in ordered], gripper
     )
+    # The first grasp of each cluster in this order is its best.
     _, best = np.unique(cluster, return_index=True)
     order = [*best, *np.setdiff1d(np.arange(len(ordered)), best)]
     return tuple(
@@ -103,8 +104,10 @@ def _clusters(ordered: Sequence[ScoredGrasp], by_id: dict[int, ChainInterpolator
         numbers = [number for number, other in enumerate(best) if other.chain == grasp.chain]
         s = np.array([best[number].s_m for number in numbers])
         near = np.flatnonzero(by_id[grasp.chain].distance(s, grasp.s_m) < CLUSTER_M)
-        cluster[k] = numbers[near[0]] if len(near) else len(best)
-        if len(near) == 0:
+        if len(near):
+            cluster[k] = numbers[near[0]]
+        else:
+            cluster[k] = len(best)
             best.append(grasp)
     return cluster
 
@@ -113,33 +116,39 @@ def _describe(
     grasps: Sequence[ScoredGrasp], chain: Chain, crossings: Sequence[Crossing], objects: ObjectPoints, gripper: Gripper
 ) -> list[_DescribedGrasp]:
     """Return grasps on one chain with their sigma, and with what lies near them along the string."""
-    line, length = ChainInterpolator(chain), chain.length_m
+    line = ChainInterpolator(chain)
     s = np.array([grasp.s_m for grasp in grasps])
-    half = gripper.finger_width_m / 2
-    sigma = line(s[:, None] + np.linspace(-half, half, 9), chain.sigma_m).max(axis=1)
-    end = np.full(len(s), np.inf) if chain.closed else np.minimum(s, length - s)
-    over = [x.over.s_m for x in crossings if x.over.chain == chain.id]
-    under = [x.under.s_m for x in crossings if x.under.chain == chain.id]
-    to_over, to_under = line.nearest_distance(s, over), line.nearest_distance(s, under)
-    passes = passes_below(chain, crossings)
-    is_lifted = np.array([line.distance(s, below.s_m) <= LIFT_M for below, _ in passes], dtype=np.bool_)
-    above = [
-        tuple(sorted({other.chain for (_, other), lifted in zip(passes, is_lifted, strict=True) if lifted[k]}))
-        for k in range(len(s))
-    ]
+    sigma = line(finger_window(s, gripper), chain.sigma_m).max(axis=1)
+    to_end = np.full(len(s), np.inf)
+    if not chain.closed:
+        to_end = np.minimum(s, chain.length_m - s)
+    to_over = line.nearest_distance(s, [x.over.s_m for x in crossings if x.over.chain == chain.id])
+    to_under = line.nearest_distance(s, [x.under.s_m for x in crossings if x.under.chain == chain.id])
+    chains_above = _chains_above(line, s, crossings)
     object_above = _object_above(line, s, objects)
     return [
         _DescribedGrasp(
             **vars(grasp),
             sigma_m=float(sigma[k]),
-            end_distance_m=_finite(end[k]),
+            end_distance_m=_finite(to_end[k]),
             over_distance_m=_finite(to_over[k]),
             under_distance_m=_finite(to_under[k]),
-            chains_above=above[k],
+            chains_above=chains_above[k],
             object_above_m=_finite(object_above[k]),
         )
         for k, grasp in enumerate(grasps)
     ]
+
+
+def _chains_above(
+    line: ChainInterpolator, s: NDArray[np.float64], crossings: Sequence[Crossing]
+) -> list[tuple[int, ...]]:
+    """Return the ids of the chains over the string within the lift from each grasp (N,)."""
+    above: list[set[int]] = [set() for _ in s]
+    for below, other in passes_below(line.chain, crossings):
+        for k in np.flatnonzero(line.distance(s, below.s_m) <= LIFT_M):
+            above[k].add(other.chain)
+    return [tuple(sorted(ids)) for ids in above]
 
 
 def _object_above(line: ChainInterpolator, s: NDArray[np.float64], objects: ObjectPoints) -> NDArray[np.float64]:
@@ -152,23 +161,24 @@ def _object_above(line: ChainInterpolator, s: NDArray[np.float64], objects: Obje
     found = np.full(len(s), np.inf)
     if len(objects.points) == 0:
         return found
-    t, near_m = chain.arc_length_m, ABOVE_RADII * chain.radius_m
-    near = KDTree(chain.points[:, :2]).sparse_distance_matrix(
-        objects.tree_xy, float(objects.extent_m.max()) + near_m, output_type="ndarray"
-    )
+    tree_xy = KDTree(chain.points[:, :2])
+    near_m = ABOVE_RADII * chain.radius_m
+    # Only the spheres of cells near the string are searched one by one.
+    max_distance = float(objects.extent_m.max()) + near_m
+    near = tree_xy.sparse_distance_matrix(objects.tree_xy, max_distance, output_type="ndarray")
     cells = np.unique(near["j"])
     if len(cells) == 0:
         return found
-    points = objects.points[objects.spheres_of(cells)]
-    near = KDTree(chain.points[:, :2]).sparse_distance_matrix(KDTree(points[:, :2]), near_m, output_type="ndarray")
-    k, point = near["i"], near["j"]
-    is_above = points[point, 2] > chain.points[k, 2] + chain.radius_m
-    k, height = k[is_above], points[point[is_above], 2]
-    if len(k) == 0:
+    spheres = objects.points[objects.spheres_of(cells)]
+    near = tree_xy.sparse_distance_matrix(KDTree(spheres[:, :2]), near_m, output_type="ndarray")
+    chain_point = near["i"]
+    height = spheres[near["j"], 2]
+    is_above = height > chain.points[chain_point, 2] + chain.radius_m
+    if not is_above.any():
         return found
-    at = line(s, chain.points)[:, 2]
-    rise = height - at[:, None]
-    counts = (line.distance(t[k], s[:, None]) <= LIFT_M) & (rise <= LIFT_M)
+    string_s = chain.arc_length_m[chain_point[is_above]]
+    rise = height[is_above] - line(s, chain.points)[:, 2, None]
+    counts = (line.distance(string_s, s[:, None]) <= LIFT_M) & (rise <= LIFT_M)
     return np.where(counts, rise, np.inf).min(axis=1)
 
 

@@ -1,4 +1,4 @@
-"""Grasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
+"""ScoredGrasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
 
 The gripper approaches the centre line from straight above and closes across the string. Near other strands or objects,
 the gripper may also reach less deep or open less wide. Only where no upright grasp is possible, it is tilted about the
@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M, ROUNDING_M, GraspCandidates, find_candidates
+from recognition.grasping.candidates import (
+    MAX_RELEVANT_DISTANCE_M,
+    ROUNDING_M,
+    GraspCandidates,
+    find_candidates,
+    half_to_one,
+)
 from recognition.grasping.gripper import Gripper, swept_distance
 from recognition.grasping.local_floor import LocalFloor, low_object_findings
 from recognition.grasping.obstacles import ObjectPoints, Obstacles
@@ -58,6 +64,46 @@ class GraspSet:
     """Grasps on all chains, the best first."""
     findings: tuple[Finding, ...]
     """One note on each chain without a grasp, and one if low objects are hidden in the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Trials:
+    """N grasps of one chain by one approach, to be checked for collisions."""
+
+    s_m: NDArray[np.float64]
+    """(N,) arc length along the chain, metres."""
+    T: NDArray[np.float64]
+    """(N, 4, 4) grasp poses `T_base_grasp`."""
+    opening_m: NDArray[np.float64]
+    """(N,) opening between the fingers, metres."""
+    reach_m: NDArray[np.float64]
+    """(N,) distance of the fingertips beyond the centre line, metres."""
+    gripper: Gripper
+    """Dimensions of the gripper."""
+
+    def offsets(self, number: NDArray[np.intp], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the offsets (K, 3) of `points` (K, 3) from the origins of the grasps `number` (K,), base frame."""
+        return points - self.T[number, :3, 3]
+
+    def distances(
+        self, number: NDArray[np.intp], offset: NDArray[np.float64], closing: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the distances (K,) of points from the volume that the gripper sweeps, metres.
+
+        Args:
+            number: (K,) grasp of each point.
+            offset: (K, 3) offset of each point from the origin of its grasp, base frame, metres.
+            closing: Mask (K,), True where the space between the fingers belongs to the volume; None for everywhere.
+        """
+        if closing is None:
+            closing = np.ones(len(number), dtype=bool)
+        x, y, z = offset.T
+        R = self.T[:, :3, :3]
+        # by components, which is three times as fast as one product of matrices for each pair
+        local = [x * R[number, 0, j] + y * R[number, 1, j] + z * R[number, 2, j] for j in range(3)]
+        return swept_distance(
+            np.column_stack(local), self.opening_m[number], self.reach_m[number], self.gripper, closing
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +170,14 @@ def find_grasps(
     """
     surroundings = _Surroundings(obstacles, floor, floor.edge_points())
     grasps: list[ScoredGrasp] = []
-    findings = low_object_findings(floor) if chains else []
+    findings: list[Finding] = []
+    if chains:
+        findings += low_object_findings(floor)
     for chain in chains:
         candidates, reason = find_candidates(chain, crossings, parameters, gripper)
-        found = [] if candidates is None else _best_grasps(chain, candidates, surroundings, gripper)
+        found: list[ScoredGrasp] = []
+        if candidates is not None:
+            found = _best_grasps(chain, candidates, surroundings, gripper)
         if not found:
             message = f"chain {chain.id} cannot be grasped: {reason}"
             findings.append(finding("no-grasp", message, chains=(chain.id,)))
@@ -145,251 +195,212 @@ def _best_grasps(
     """Return the best grasp of each candidate over all approaches. Omit candidates without a possible grasp."""
     best: list[ScoredGrasp | None] = [None] * len(candidates.s_m)
     for approaches in (UPRIGHT, TILTED):
-        crowded = np.array([k for k, grasp in enumerate(best) if grasp is None], dtype=np.int64)
+        remaining = [k for k, grasp in enumerate(best) if grasp is None]
         for approach in approaches:
-            if len(crowded) == 0:
+            if not remaining:
                 break
-            grasps = _try_approach(chain, candidates, crowded, approach, surroundings, gripper)
-            for k, grasp in zip(crowded, grasps, strict=True):
+            selected = candidates.select(np.array(remaining, dtype=np.int64))
+            grasps = _try_approach(chain, selected, approach, surroundings, gripper)
+            tried = list(zip(remaining, grasps, strict=True))
+            for k, grasp in tried:
                 known = best[k]
                 if grasp is not None and (known is None or grasp.score > known.score):
                     best[k] = grasp
             # Other approaches can only improve candidates without the full clearance score.
-            crowded = np.array(
-                [
-                    k
-                    for k, grasp in zip(crowded, grasps, strict=True)
-                    if grasp is None or grasp.clearance_m < FULL_SCORE_CLEARANCE_M
-                ],
-                dtype=np.int64,
-            )
+            remaining = [k for k, grasp in tried if grasp is None or grasp.clearance_m < FULL_SCORE_CLEARANCE_M]
     return [grasp for grasp in best if grasp is not None]
 
 
 def _try_approach(
     chain: Chain,
     candidates: GraspCandidates,
-    at: NDArray[np.int64],
     approach: Approach,
     surroundings: _Surroundings,
     gripper: Gripper,
 ) -> list[ScoredGrasp | None]:
-    """Return the grasps of the candidates `at` (N,) by one approach, or None where it is not possible."""
-    tilt, r = approach.tilt_rad, chain.radius_m
-    obstacles, floor, edges = surroundings.obstacles, surroundings.floor, surroundings.edges
-    T = _grasp_frames(candidates.point[at], candidates.direction[at], tilt)
+    """Return the grasp of each candidate by one approach, or None where it is not possible."""
+    r = chain.radius_m
+    tilt = approach.tilt_rad
+    floor = surroundings.floor
+    T = _grasp_frames(candidates.point, candidates.direction, tilt)
     margin = approach.margin_share * gripper.opening_margin_m
-    opening = candidates.opening_m[at] - gripper.opening_margin_m + margin
+    opening = candidates.opening_m - gripper.opening_margin_m + margin
 
-    deepest = approach.reach_share * r
-    floor_z = floor.highest(_fingertip_positions(T, opening, deepest, r, tilt != 0.0, gripper))
+    floor_z = floor.highest(_fingertip_positions(T, opening, approach, r, gripper))
     # If the gripper is tilted, the outer corner of a fingertip is its lowest point.
-    height = candidates.point[at, 2] - floor_z - abs(np.sin(tilt)) * (opening / 2 + gripper.finger_thickness_m)
-    least = min(gripper.min_table_clearance_m, gripper.table_clearance_m)
-    wanted = np.minimum((height - max(gripper.table_clearance_m, floor.min_height_m)) / np.cos(tilt), deepest)
-    reach = np.where(np.isfinite(wanted), np.maximum(wanted, MIN_REACH_SHARE * r), 0.0)
+    height = candidates.point[:, 2] - floor_z - abs(np.sin(tilt)) * (opening / 2 + gripper.finger_thickness_m)
+    wanted_above = max(gripper.table_clearance_m, floor.min_height_m)
+    wanted_reach = np.minimum((height - wanted_above) / np.cos(tilt), approach.reach_share * r)
+    reach = np.where(np.isfinite(wanted_reach), np.maximum(wanted_reach, MIN_REACH_SHARE * r), 0.0)
     above = height - np.cos(tilt) * reach
+    min_above = min(gripper.min_table_clearance_m, gripper.table_clearance_m)
 
+    trials = _Trials(candidates.s_m, T, opening, reach, gripper)
     min_string_distance = min(gripper.clearance_m, margin / 2)
-    clearance, touches = _clearance_from_strings(
-        chain, candidates.s_m[at], T, opening, reach, obstacles, gripper, min_string_distance
-    )
-    clearance = np.minimum(clearance, _clearance_from_objects(T, opening, reach, obstacles.objects, gripper))
-    clearance = np.minimum(clearance, _clearance_from_edges(T, opening, reach, edges, floor.cell_m / 2, gripper))
-    possible = (above >= least - ROUNDING_M) & ~touches & (clearance >= gripper.clearance_m)
+    clearance, touches = _clearance_from_strings(trials, chain, surroundings.obstacles, min_string_distance)
+    clearance = np.minimum(clearance, _clearance_from_objects(trials, surroundings.obstacles.objects))
+    clearance = np.minimum(clearance, _clearance_from_edges(trials, surroundings.edges, floor.cell_m / 2))
+    possible = (above >= min_above - ROUNDING_M) & ~touches & (clearance >= gripper.clearance_m)
 
-    score = candidates.base_score[at] * np.cos(tilt) * (0.8 + 0.2 * approach.margin_share)
+    # The factors are those of `find_grasps`.
+    score = candidates.base_score * np.cos(tilt) * (0.8 + 0.2 * approach.margin_share)
     score *= np.clip(clearance / FULL_SCORE_CLEARANCE_M, 0, 1)
-    score *= 0.5 + 0.5 * np.clip(reach / (FULL_SCORE_REACH_SHARE * r), 0, 1)
-    score *= 0.5 + 0.5 * np.clip(above / max(gripper.table_clearance_m, ROUNDING_M), 0, 1)
+    score *= half_to_one(reach / (FULL_SCORE_REACH_SHARE * r))
+    score *= half_to_one(above / max(gripper.table_clearance_m, ROUNDING_M))
     score = np.minimum(score, 1.0)  # rounding
-    return [
-        ScoredGrasp(
-            chain.id, float(candidates.s_m[number]), T[k], float(opening[k]), float(reach[k]), float(clearance[k]),
-            float(above[k]), float(score[k]),
-        ) if possible[k] else None
-        for k, number in enumerate(at)
-    ]  # fmt: skip
+    grasps: list[ScoredGrasp | None] = [None] * len(T)
+    for k in np.flatnonzero(possible):
+        grasps[k] = ScoredGrasp(
+            chain=chain.id,
+            s_m=float(candidates.s_m[k]),
+            T_base_grasp=T[k],
+            opening_m=float(opening[k]),
+            reach_m=float(reach[k]),
+            clearance_m=float(clearance[k]),
+            table_clearance_m=float(above[k]),
+            score=float(score[k]),
+        )
+    return grasps
 
 
 def _fingertip_positions(
-    T: NDArray[np.float64], opening: NDArray[np.float64], reach: float, radius_m: float, sweep: bool, gripper: Gripper
+    T: NDArray[np.float64], opening: NDArray[np.float64], approach: Approach, radius_m: float, gripper: Gripper
 ) -> NDArray[np.float64]:
     """Return positions (N, K, 2) that the fingertips cover until they are closed, seen from above, metres.
 
-    The positions include a clearance around the fingertips.
+    The positions include a clearance around the fingertips. Of tilted fingers, the ends are covered too.
 
     Args:
         T: (N, 4, 4) grasp poses `T_base_grasp`.
         opening: (N,) openings between the fingers, metres.
-        reach: Distance of the fingertips beyond the centre line, metres.
+        approach: Approach with the largest reach of the fingertips.
         radius_m: Radius of the string, at which the fingers are closed, metres.
-        sweep: Whether the ends of the fingers, `TILTED_SWEEP_M` long, are covered too.
         gripper: Dimensions of the gripper.
     """
     outer = opening / 2 + gripper.finger_thickness_m + gripper.clearance_m
     half = gripper.finger_width_m / 2 + gripper.clearance_m
-    across = np.linspace(0.0, 1.0, int(np.ceil((outer.max(initial=radius_m) - radius_m) / CELL_M)) + 1)
-    along = np.linspace(-half, half, int(np.ceil(2 * half / CELL_M)) + 1)
-    back = np.linspace(0.0, TILTED_SWEEP_M, int(np.ceil(TILTED_SWEEP_M / CELL_M)) + 1) if sweep else np.zeros(1)
+    across = np.linspace(0.0, 1.0, _count_cells(outer.max(initial=radius_m) - radius_m) + 1)
+    along = np.linspace(-half, half, _count_cells(2 * half) + 1)
+    back = np.zeros(1)
+    if approach.tilt_rad != 0.0:
+        back = np.linspace(0.0, TILTED_SWEEP_M, _count_cells(TILTED_SWEEP_M) + 1)
+    # All combinations of a finger, a share of its way, and a position along and above its end.
     side, across, along, back = (a.ravel() for a in np.meshgrid((-1.0, 1.0), across, along, back, indexing="ij"))
     x = side * (radius_m + (outer[:, None] - radius_m) * across)
-    local = np.stack([x, np.broadcast_to(along, x.shape), np.broadcast_to(reach - back, x.shape)], axis=-1)
+    y = np.broadcast_to(along, x.shape)
+    z = np.broadcast_to(approach.reach_share * radius_m - back, x.shape)
+    local = np.stack([x, y, z], axis=-1)
     return np.einsum("nij,nkj->nki", T[:, :2, :3], local) + T[:, None, :2, 3]
 
 
+def _count_cells(length_m: float) -> int:
+    """Return the number of cells of the height map that cover a length."""
+    return int(np.ceil(length_m / CELL_M))
+
+
 def _clearance_from_strings(
-    chain: Chain,
-    s: NDArray[np.float64],
-    T: NDArray[np.float64],
-    opening: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    obstacles: Obstacles,
-    gripper: Gripper,
-    min_string_distance_m: float,
+    trials: _Trials, chain: Chain, obstacles: Obstacles, min_string_distance_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return the clearances (N,) from other strands, metres, and the mask (N,) of grasps that touch their own string.
 
     Clearances are at most `MAX_RELEVANT_DISTANCE_M`.
 
     Args:
+        trials: Grasps to check.
         chain: The gripped chain.
-        s: (N,) arc lengths of the grasps along the chain, metres.
-        T: (N, 4, 4) grasp poses `T_base_grasp`.
-        opening: (N,) openings between the fingers, metres.
-        reach: (N,) distances of the fingertips beyond the centre line, metres.
         obstacles: Chains and objects of the scene; uses the chains.
-        gripper: Dimensions of the gripper.
         min_string_distance_m: Minimum distance of the gripper from the gripped string during the approach, metres.
     """
-    clearance, touches = np.full(len(s), MAX_RELEVANT_DISTANCE_M), np.zeros(len(s), dtype=bool)
-    pose, sphere = _near_pairs(
-        T, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()), opening, reach, gripper
-    )
-    offset, local = _offsets(T, pose, obstacles.points[sphere])
-    same_chain = obstacles.chain[sphere] == chain.id
-    along = ChainInterpolator(chain).distance(obstacles.s_m[sphere], s[pose])
+    number, sphere = _near_pairs(trials, obstacles.points, obstacles.tree_xy, float(obstacles.radius_m.max()))
+    offset = trials.offsets(number, obstacles.points[sphere])
+    along = ChainInterpolator(chain).distance(obstacles.s_m[sphere], trials.s_m[number])
     # A distant part of the gripped chain that passes near the grasp counts as another strand.
-    gripped = same_chain & (along <= 2 * np.linalg.norm(offset, axis=1) + gripper.finger_width_m)
-    distance = swept_distance(local, opening[pose], reach[pose], gripper, ~gripped) - obstacles.radius_m[sphere]
-    np.minimum.at(clearance, pose[~gripped], distance[~gripped])
-    touches[pose[gripped & (distance < min_string_distance_m - ROUNDING_M)]] = True
+    is_local = along <= 2 * np.linalg.norm(offset, axis=1) + trials.gripper.finger_width_m
+    gripped = (obstacles.chain[sphere] == chain.id) & is_local
+    distance = trials.distances(number, offset, closing=~gripped) - obstacles.radius_m[sphere]
+    clearance = np.full(len(trials.T), MAX_RELEVANT_DISTANCE_M)
+    np.minimum.at(clearance, number[~gripped], distance[~gripped])
+    touches = np.zeros(len(trials.T), dtype=bool)
+    touches[number[gripped & (distance < min_string_distance_m - ROUNDING_M)]] = True
     return clearance, touches
 
 
-def _clearance_from_objects(
-    T: NDArray[np.float64],
-    opening: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    objects: ObjectPoints,
-    gripper: Gripper,
-) -> NDArray[np.float64]:
+def _clearance_from_objects(trials: _Trials, objects: ObjectPoints) -> NDArray[np.float64]:
     """Return the clearances (N,) from objects, metres, at most `MAX_RELEVANT_DISTANCE_M`.
 
     A clearance below `Gripper.clearance_m` is only an upper bound, because the grasp is rejected anyway. The spheres of
-    a cell are checked one by one only if the cell may contain the nearest sphere. `T`, `opening` and `reach` are as in
-    `_clearance_from_strings`.
+    a cell are checked one by one only if the cell may contain the nearest sphere.
     """
-    clearance, closing = np.full(len(T), MAX_RELEVANT_DISTANCE_M), np.ones(len(T), dtype=bool)
+    clearance = np.full(len(trials.T), MAX_RELEVANT_DISTANCE_M)
     if len(objects.points) == 0:
         return clearance
     max_extent = float(objects.extent_m.max()) + objects.radius_m
-    pose, cell = _near_pairs(T, objects.centre, objects.tree_xy, max_extent, opening, reach, gripper)
-    _, local = _offsets(T, pose, objects.centre[cell])
-    to_centre = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
-    np.minimum.at(clearance, pose, to_centre + objects.extent_m[cell])
-    unresolved = to_centre - objects.extent_m[cell] < clearance[pose]
-    unresolved &= clearance[pose] >= gripper.clearance_m
-    pose, cell = pose[unresolved], cell[unresolved]
+    number, cell = _near_pairs(trials, objects.centre, objects.tree_xy, max_extent)
+    to_centre = trials.distances(number, trials.offsets(number, objects.centre[cell])) - objects.radius_m
+    np.minimum.at(clearance, number, to_centre + objects.extent_m[cell])
+    is_unresolved = to_centre - objects.extent_m[cell] < clearance[number]
+    is_unresolved &= clearance[number] >= trials.gripper.clearance_m
+    cell = cell[is_unresolved]
     sphere = objects.spheres_of(cell)
-    pose = np.repeat(pose, objects.count[cell])
-    _, local = _offsets(T, pose, objects.points[sphere])
-    distance = swept_distance(local, opening[pose], reach[pose], gripper, closing[pose]) - objects.radius_m
-    np.minimum.at(clearance, pose, distance)
+    number = np.repeat(number[is_unresolved], objects.count[cell])
+    distance = trials.distances(number, trials.offsets(number, objects.points[sphere])) - objects.radius_m
+    np.minimum.at(clearance, number, distance)
     return clearance
 
 
-def _clearance_from_edges(
-    T: NDArray[np.float64],
-    opening: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    edges: NDArray[np.float64],
-    cell_radius_m: float,
-    gripper: Gripper,
-) -> NDArray[np.float64]:
+def _clearance_from_edges(trials: _Trials, edges: NDArray[np.float64], cell_radius_m: float) -> NDArray[np.float64]:
     """Return the clearances (N,) from the edges of objects that are higher than the fingertips, metres.
 
     The clearances are at most `MAX_RELEVANT_DISTANCE_M`. `edges` (K, 3) are the edge cells of objects on the table, and
-    `cell_radius_m` is half the edge length of a cell. `T`, `opening` and `reach` are as in `_clearance_from_strings`.
+    `cell_radius_m` is half the edge length of a cell.
     """
-    clearance = np.full(len(T), MAX_RELEVANT_DISTANCE_M)
-    tip_z = T[:, 2, 3] + T[:, 2, 2] * reach
+    clearance = np.full(len(trials.T), MAX_RELEVANT_DISTANCE_M)
+    tip_z = trials.T[:, 2, 3] + trials.T[:, 2, 2] * trials.reach_m
     edges = edges[edges[:, 2] > tip_z.min(initial=np.inf)]
     if len(edges) == 0:
         return clearance
-    pose, edge = _near_pairs(T, edges, KDTree(edges[:, :2]), cell_radius_m, opening, reach, gripper)
-    higher = edges[edge, 2] > tip_z[pose]
-    pose, edge = pose[higher], edge[higher]
-    _, local = _offsets(T, pose, edges[edge])
-    closing = np.ones(len(pose), dtype=bool)
-    distance = swept_distance(local, opening[pose], reach[pose], gripper, closing) - cell_radius_m
-    np.minimum.at(clearance, pose, distance)
+    number, edge = _near_pairs(trials, edges, KDTree(edges[:, :2]), cell_radius_m)
+    is_higher = edges[edge, 2] > tip_z[number]
+    number = number[is_higher]
+    distance = trials.distances(number, trials.offsets(number, edges[edge[is_higher]])) - cell_radius_m
+    np.minimum.at(clearance, number, distance)
     return clearance
 
 
 def _near_pairs(
-    T: NDArray[np.float64],
-    points: NDArray[np.float64],
-    tree_xy: KDTree,
-    extent_m: float,
-    opening: NDArray[np.float64],
-    reach: NDArray[np.float64],
-    gripper: Gripper,
+    trials: _Trials, points: NDArray[np.float64], tree_xy: KDTree, extent_m: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return pairs of a grasp and an obstacle that may be closer than `MAX_RELEVANT_DISTANCE_M`.
 
     Args:
-        T: (N, 4, 4) grasp poses `T_base_grasp`.
+        trials: Grasps to check.
         points: (P, 3) obstacle points, metres, base frame.
         tree_xy: Search tree of the obstacle points in the table plane.
         extent_m: Maximum distance from an obstacle point to the surface of its obstacle, metres.
-        opening: (N,) openings between the fingers, metres.
-        reach: (N,) distances of the fingertips beyond the centre line, metres.
-        gripper: Dimensions of the gripper.
 
     Returns:
-        Grasp indices (K,) and obstacle indices (K,).
+        ScoredGrasp indices (K,) and obstacle indices (K,).
     """
+    T = trials.T
+    gripper = trials.gripper
     radius = MAX_RELEVANT_DISTANCE_M + extent_m
-    radius += np.hypot(gripper.stroke_m / 2 + gripper.finger_thickness_m, gripper.palm_width_m / 2)
+    radius += np.hypot(gripper.half_span_m, gripper.palm_width_m / 2)
     # A tilted gripper may touch a high object beside the grasp.
     height_range = float(np.ptp(np.append(points[:, 2], T[:, 2, 3])))
     radius += height_range * float(np.abs(T[:, 2, 0] / T[:, 2, 2]).max())
     near = KDTree(T[:, :2, 3]).sparse_distance_matrix(tree_xy, radius, output_type="ndarray")
-    i, j = near["i"], near["j"]
-    if T[:, 2, 2].max() > -1.0:
-        return i, j
+    number = near["i"]
+    obstacle = near["j"]
+    is_tilted = T[:, 2, 2].max() > -1.0
+    if is_tilted:
+        return number, obstacle
     # An upright palm is far above most obstacles, and only the fingers are near them.
     beside = MAX_RELEVANT_DISTANCE_M + extent_m
-    of_fingers = np.hypot(opening / 2 + gripper.finger_thickness_m, gripper.finger_width_m / 2) + beside
-    lowest = T[:, 2, 3] + gripper.finger_depth_m - reach - beside
-    counts = (near["v"] <= of_fingers[i]) | (points[j, 2] >= lowest[i])
-    return i[counts], j[counts]
-
-
-def _offsets(
-    T: NDArray[np.float64], pose: NDArray[np.intp], points: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the offsets of `points` (K, 3) from the origins of the poses `T[pose]`, metres.
-
-    The first array (K, 3) is in the base frame, the second array (K, 3) in the grasp frames.
-    """
-    offset = points - T[pose, :3, 3]
-    x, y, z = offset.T
-    R = T[:, :3, :3]
-    # by components, which is three times as fast as one product of matrices for each pair
-    local = [x * R[pose, 0, j] + y * R[pose, 1, j] + z * R[pose, 2, j] for j in range(3)]
-    return offset, np.column_stack(local)
+    half_opening = trials.opening_m / 2 + gripper.finger_thickness_m
+    finger_radius = np.hypot(half_opening, gripper.finger_width_m / 2) + beside
+    near_palm_z = T[:, 2, 3] + gripper.finger_depth_m - trials.reach_m - beside
+    counts = (near["v"] <= finger_radius[number]) | (points[obstacle, 2] >= near_palm_z[number])
+    return number[counts], obstacle[counts]
 
 
 def _grasp_frames(point: NDArray[np.float64], direction: NDArray[np.float64], tilt: float) -> NDArray[np.float64]:

@@ -71,18 +71,25 @@ class Gripper:
     """Boxes between flange and fingers. Without a box, the palm reaches up to the flange."""
 
     @property
+    def half_span_m(self) -> float:
+        """Distance of the outer side of a finger from the middle at the largest opening, which the palm has too."""
+        return self.stroke_m / 2 + self.finger_thickness_m
+
+    @property
     def body(self) -> tuple[GripperBox, ...]:
         """Boxes between flange and fingers, which are the given ones or the palm up to the flange."""
         if self.body_m:
             return self.body_m
-        half_x, half_y = self.stroke_m / 2 + self.finger_thickness_m, self.palm_width_m / 2
-        return (GripperBox((-half_x, -half_y, 0.0), (half_x, half_y, self.length_m - self.finger_depth_m)),)
+        x = self.half_span_m
+        y = self.palm_width_m / 2
+        return (GripperBox((-x, -y, 0.0), (x, y, self.length_m - self.finger_depth_m)),)
 
     @property
     def fingers(self) -> GripperBox:
         """The box that contains both fingers at the largest opening, in the same frame."""
-        half_x, half_y = self.stroke_m / 2 + self.finger_thickness_m, self.finger_width_m / 2
-        return GripperBox((-half_x, -half_y, self.length_m - self.finger_depth_m), (half_x, half_y, self.length_m))
+        x = self.half_span_m
+        y = self.finger_width_m / 2
+        return GripperBox((-x, -y, self.length_m - self.finger_depth_m), (x, y, self.length_m))
 
     def __post_init__(self) -> None:
         may_be_zero = ("opening_margin_m", "clearance_m", "table_clearance_m", "min_table_clearance_m")
@@ -145,12 +152,13 @@ def swept_distance(
     Returns:
         (N,) distances, metres; 0 inside the volume.
     """
-    x, y, z = np.abs(points[:, 0]), np.abs(points[:, 1]), points[:, 2]
+    x = np.abs(points[:, 0])
+    y = np.abs(points[:, 1])
+    z = points[:, 2]
     inner = np.where(closing, 0.0, opening_m / 2)
     outer = opening_m / 2 + gripper.finger_thickness_m
     fingers = _box_distance(np.maximum(inner - x, x - outer), y - gripper.finger_width_m / 2, z - reach_m)
-    widest = gripper.stroke_m / 2 + gripper.finger_thickness_m
-    palm = _box_distance(x - widest, y - gripper.palm_width_m / 2, z - (reach_m - gripper.finger_depth_m))
+    palm = _box_distance(x - gripper.half_span_m, y - gripper.palm_width_m / 2, z - (reach_m - gripper.finger_depth_m))
     return np.minimum(fingers, palm)
 
 

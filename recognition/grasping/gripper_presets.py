@@ -87,10 +87,12 @@ def with_adapter(gripper: Gripper, length_m: float) -> Gripper:
         length_m: Distance from the flange to the fingertips.
     """
     longer = length_m - gripper.length_m
-    moved = [
-        GripperBox((*box.low_m[:2], max(box.low_m[2] + longer, 0.0)), (*box.high_m[:2], box.high_m[2] + longer))
-        for box in gripper.body_m
-        if box.high_m[2] + longer > 0
-    ]
-    adapter = [_box(2 * _ADAPTER_HALF_M, 2 * _ADAPTER_HALF_M, 0.0, longer)] if longer > 0 else []
-    return replace(gripper, length_m=length_m, body_m=(*adapter, *moved))
+    body = []
+    if longer > 0:
+        body.append(_box(2 * _ADAPTER_HALF_M, 2 * _ADAPTER_HALF_M, 0.0, longer))
+    for box in gripper.body_m:
+        low_x, low_y, low_z = box.low_m
+        high_x, high_y, high_z = box.high_m
+        if high_z + longer > 0:
+            body.append(GripperBox((low_x, low_y, max(low_z + longer, 0.0)), (high_x, high_y, high_z + longer)))
+    return replace(gripper, length_m=length_m, body_m=tuple(body))

@@ -27,6 +27,10 @@ MIN_CELLS = 3
 """Minimum number of connected cells of an object. Fewer cells are noise, or stray pixels of the edge of a string."""
 MIN_STEP_M = 0.0006
 """Minimum height of a cell above its lowest neighbour at the edge of an object, metres."""
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of normally distributed heights, in medians of their absolute values."""
+NEIGHBOURS = np.ones((3, 3))
+"""A cell and the eight cells around it."""
 BACKGROUND_M = 0.06
 """Width of the window in which the table around a cell is averaged, metres. The average removes slow errors of the
 camera, which are the same for a string and the table beside it."""
@@ -95,31 +99,36 @@ def find_local_floor(support: SupportSurface, chains: Sequence[Chain]) -> LocalF
     Returns:
         The floor, in the cells of the height map. It has no cells without a height map.
     """
-    height_map, table_z_m = support.heights or NO_HEIGHTS, support.table_z_m
+    height_map = support.heights or NO_HEIGHTS
+    table_z_m = support.table_z_m
     z = height_map.z_m.astype(np.float64) - table_z_m
     near_string = _near_strings(height_map, chains)
     measured = np.isfinite(z) & ~near_string
     background = _background(z, measured & (np.abs(z) < MIN_HEIGHT_M), height_map.cell_m)
     residual = z - background
     noise = residual[measured & (np.abs(residual) < MIN_HEIGHT_M)]
-    sigma = float(1.4826 * np.median(np.abs(noise))) if len(noise) else 0.0
+    sigma = 0.0
+    if len(noise):
+        sigma = float(SIGMA_PER_MAD * np.median(np.abs(noise)))
     min_height = max(MIN_HEIGHT_M, MIN_HEIGHT_SIGMAS * sigma)
+    is_raised = _raised_cells(np.where(measured, residual, -np.inf), min_height)
 
-    is_raised = measured & (np.where(measured, residual, 0.0) > min_height)
-    label = np.zeros(is_raised.shape, dtype=np.int32)
-    ndimage.label(is_raised, structure=np.ones((3, 3)), output=label)
-    size = np.bincount(label.ravel(), minlength=1)
-    is_raised &= (size >= MIN_CELLS)[label]
-    # Cells beside them that are partly on the object, or on it and low by noise.
-    is_higher = measured & (np.where(measured, residual, 0.0) > EDGE_SHARE * min_height)
-    is_raised |= is_higher & np.asarray(ndimage.binary_dilation(is_raised, np.ones((3, 3))), dtype=np.bool_)
-
-    # A pixel may be missing in every view. The cells around it show what lies there.
-    around = ndimage.maximum_filter(np.where(np.isfinite(z), np.where(is_raised, z, 0.0), -np.inf), 3)
     floor = np.where(is_raised, z, np.maximum(background, 0.0))
-    floor = np.where(np.isfinite(z), floor, np.where(np.isfinite(around), around, np.inf))
-    floor = np.where(near_string, -np.inf, floor) + table_z_m
-    return LocalFloor(height_map.x_m, height_map.y_m, height_map.cell_m, floor, is_raised, min_height, table_z_m)
+    # A pixel may be missing in every view. The cells around it show what lies there.
+    is_missing = ~np.isfinite(z)
+    objects = np.where(is_missing, -np.inf, np.where(is_raised, z, 0.0))
+    around = ndimage.maximum_filter(objects, 3)
+    floor[is_missing] = np.where(np.isfinite(around), around, np.inf)[is_missing]
+    floor[near_string] = -np.inf
+    return LocalFloor(
+        x_m=height_map.x_m,
+        y_m=height_map.y_m,
+        cell_m=height_map.cell_m,
+        z_m=floor + table_z_m,
+        is_raised=is_raised,
+        min_height_m=min_height,
+        table_z_m=table_z_m,
+    )
 
 
 def low_object_findings(floor: LocalFloor) -> list[Finding]:
@@ -136,10 +145,28 @@ def low_object_findings(floor: LocalFloor) -> list[Finding]:
     return [finding("low-objects-hidden", message, value=floor.min_height_m, limit=MIN_HEIGHT_M)]
 
 
+def _raised_cells(height: NDArray[np.float64], min_height: float) -> NDArray[np.bool_]:
+    """Return the mask (M, N) of the cells of objects.
+
+    Args:
+        height: (M, N) height above the table around each cell, metres; -inf where it was not measured.
+        min_height: Minimum height of an object, metres.
+    """
+    is_raised = height > min_height
+    label = np.zeros(is_raised.shape, dtype=np.int32)
+    ndimage.label(is_raised, structure=NEIGHBOURS, output=label)
+    size = np.bincount(label.ravel(), minlength=1)
+    is_raised &= (size >= MIN_CELLS)[label]
+    # Cells beside them that are partly on the object, or on it and low by noise.
+    is_beside = np.asarray(ndimage.binary_dilation(is_raised, NEIGHBOURS), dtype=np.bool_)
+    return is_raised | (is_beside & (height > EDGE_SHARE * min_height))
+
+
 def _near_strings(height_map: HeightMap, chains: Sequence[Chain]) -> NDArray[np.bool_]:
     """Return the mask (M, N) of the cells within `EDGE_M` of the surface of a string, seen from above."""
     near = np.zeros(height_map.z_m.shape, dtype=bool)
-    cell_m, origin = height_map.cell_m, np.array([height_map.x_m, height_map.y_m])
+    cell_m = height_map.cell_m
+    origin = np.array([height_map.x_m, height_map.y_m])
     for chain in chains:
         line = close_polyline(chain.points, chain.closed)
         points = points_at(line, resampled_lengths(line, cell_m / 2))[:, :2] - origin

@@ -131,12 +131,14 @@ def _object_points(
     near_string = np.zeros(len(surface), dtype=bool)
     if len(strings) and len(surface):
         reach = radius + np.maximum(MAX_STRING_NOISE_M, radius)
-        found = KDTree(strings).query(surface, distance_upper_bound=float(reach.max()))
-        distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+        distance, indices = KDTree(strings).query(surface, distance_upper_bound=float(reach.max()))
         near = np.isfinite(distance)
-        gap[near] = distance[near] - radius[nearest[near]]
-        near_string[near] = distance[near] <= reach[nearest[near]]
-    uncertain, surface = surface[near_string & (gap > MAX_STRING_NOISE_M)], surface[~near_string]
+        near_distance = np.asarray(distance)[near]
+        nearest = np.asarray(indices)[near]
+        gap[near] = near_distance - radius[nearest]
+        near_string[near] = near_distance <= reach[nearest]
+    uncertain = surface[near_string & (gap > MAX_STRING_NOISE_M)]
+    surface = surface[~near_string]
     if len(surface) <= MIN_NEIGHBOURS:
         return np.empty((0, 3))
     max_distance = max(MIN_NEIGHBOUR_DISTANCE_M, NEIGHBOUR_SPACINGS * spacing_m)
@@ -149,7 +151,8 @@ def _object_points(
         if len(added) and len(uncertain):
             distance, _ = KDTree(added).query(uncertain, distance_upper_bound=max_distance)
             joins = np.isfinite(distance)
-            added, uncertain = uncertain[joins], uncertain[~joins]
+            added = uncertain[joins]
+            uncertain = uncertain[~joins]
             surface = np.vstack([surface, added])
     if spacing_m * MIN_THINNING_RATIO > VOXEL_M:
         return surface

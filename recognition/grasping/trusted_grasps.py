@@ -34,7 +34,7 @@ def select_trusted_grasps(
     trusts = {chain.id: chain_trust(chain, crossings, findings) for chain in chains}
     half = gripper.finger_width_m / 2
     marked = [
-        grasp if trusts[grasp.chain].is_trusted(grasp.s_m, half) else replace(grasp, trusted=False)
+        replace(grasp, trusted=grasp.trusted and trusts[grasp.chain].is_trusted(grasp.s_m, half))
         for grasp in candidates.grasps
     ]
     if keep_all:
