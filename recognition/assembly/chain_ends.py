@@ -1,14 +1,14 @@
 """Detection of chain ends at which the string may continue."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.polyline import end_direction, unit_vectors
 from recognition.messages import format_position
-from recognition.model.chains import Chain
+from recognition.model.chains import Chain, End
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, Which, finding
 from recognition.parameters import ChainParameters
@@ -37,6 +37,59 @@ WHICH: tuple[Which, Which] = ("first", "last")
 """Names of the ends of a chain, in the order of its points."""
 
 
+@dataclass(frozen=True, eq=False)
+class ChainEnd:
+    """One end of an open chain."""
+
+    number: int
+    """Index of the chain."""
+    chain: Chain
+    """The chain."""
+    at: int
+    """0 for the first end, 1 for the last: the index into `Chain.ends`."""
+
+    @property
+    def name(self) -> Which:
+        """Name of the end."""
+        return WHICH[self.at]
+
+    @property
+    def line(self) -> NDArray[np.float64]:
+        """(N, 3) points of the chain from this end on, metres, base frame."""
+        return self.chain.points[::-1] if self.at else self.chain.points
+
+    @property
+    def point(self) -> NDArray[np.float64]:
+        """(3,) position of the end, metres, base frame."""
+        return self.line[0]
+
+    def part_m(self, length_m: float) -> tuple[float, float]:
+        """Return the arc lengths of the part of the chain within `length_m` of this end, metres."""
+        if self.at:
+            return max(self.chain.length_m - length_m, 0.0), self.chain.length_m
+        return 0.0, min(length_m, self.chain.length_m)
+
+
+def open_ends(chains: Sequence[Chain]) -> list[ChainEnd]:
+    """Return the two ends of each open chain."""
+    ends = []
+    for number, chain in enumerate(chains):
+        if not chain.closed:
+            ends += [ChainEnd(number, chain, 0), ChainEnd(number, chain, 1)]
+    return ends
+
+
+def with_ends(chains: Sequence[Chain], kinds: Sequence[Sequence[End]]) -> tuple[Chain, ...]:
+    """Return the chains with the given kinds of their first and last ends. Unchanged chains are kept."""
+    marked = []
+    for chain, (first, last) in zip(chains, kinds, strict=True):
+        if (first, last) == chain.ends:
+            marked.append(chain)
+        else:
+            marked.append(replace(chain, ends=(first, last)))
+    return tuple(marked)
+
+
 def mark_unobserved_ends(
     chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
@@ -56,7 +109,13 @@ def mark_unobserved_ends(
     if not unexplained:
         return tuple(chains)
     rest = np.vstack(unexplained)
-    return tuple(chain if chain.closed else _mark_ends(chain, rest, parameters) for chain in chains)
+    kinds = [list(chain.ends) for chain in chains]
+    for end in open_ends(chains):
+        # Unexplained surface begins at twice this radius from the chain.
+        r = max(end.chain.radius_m, parameters.r)
+        if _continues(end.line, rest, r):
+            kinds[end.number][end.at] = "unobserved"
+    return with_ends(chains, kinds)
 
 
 def mark_touching_ends(
@@ -75,33 +134,38 @@ def mark_touching_ends(
     Returns:
         The chains with the marked ends, and one finding on each of these ends.
     """
-    ends = [(k, at) for k, chain in enumerate(chains) if not chain.closed for at in (0, 1)]
-    points, directions = np.empty((len(ends), 3)), np.empty((len(ends), 3))
-    for n, (k, at) in enumerate(ends):
-        line = chains[k].points[:: -1 if at else 1]
-        points[n], directions[n] = line[0], end_direction(line, DIRECTION_LENGTH_RADII * chains[k].radius_m)
+    ends = open_ends(chains)
+    directions = [end_direction(end.line, DIRECTION_LENGTH_RADII * end.chain.radius_m) for end in ends]
     kinds = [list(chain.ends) for chain in chains]
     findings = []
-    for n, (k, at) in enumerate(ends):
-        for m, (j, other) in enumerate(ends[:n]):
-            max_gap = MAX_FACING_GAP_RADII * max(chains[k].radius_m, chains[j].radius_m)
-            gap = float(np.linalg.norm(points[n] - points[m]))
+    for n, end in enumerate(ends):
+        for m, other in enumerate(ends[:n]):
+            max_gap = MAX_FACING_GAP_RADII * max(end.chain.radius_m, other.chain.radius_m)
+            gap = float(np.linalg.norm(end.point - other.point))
             is_facing = gap < max_gap and directions[n] @ directions[m] < MAX_FACING_COSINE
-            if is_facing and not _is_gap_visible(points[n], points[m], chains[k].radius_m, views):
-                kinds[k][at] = kinds[j][other] = "touching"
-                pair = f"an end of chain {j} and an end of chain {k}" if j != k else f"the ends of chain {k}"
-                position = format_position(points[n])
-                message = f"{pair} face each other at {position}: one string may continue there; check the radius"
+            if is_facing and not _is_gap_visible(end.point, other.point, end.chain.radius_m, views):
+                kinds[end.number][end.at] = "touching"
+                kinds[other.number][other.at] = "touching"
+                message = _describe_touching(other, end)
                 findings += [
-                    _end_finding("ends-touching", message, chains[c], end, value=gap, limit=max_gap)
-                    for c, end in ((j, other), (k, at))
+                    _end_finding("ends-touching", message, facing, value=gap, limit=max_gap) for facing in (other, end)
                 ]
-    return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True)), findings
+    return with_ends(chains, kinds), findings
+
+
+def _describe_touching(other: ChainEnd, end: ChainEnd) -> str:
+    """Return the message on two ends that face each other."""
+    pair = f"the ends of chain {end.number}"
+    if other.number != end.number:
+        pair = f"an end of chain {other.number} and an end of chain {end.number}"
+    position = format_position(end.point)
+    return f"{pair} face each other at {position}: one string may continue there; check the radius"
 
 
 def _is_gap_visible(a: NDArray[np.float64], b: NDArray[np.float64], r: float, views: Sequence[NormalCloud]) -> bool:
     """Return whether half of the views look through a point of the straight line between two ends (3,)."""
-    between = np.linspace(a, b, max(int(np.linalg.norm(b - a) / (STEP_RADII * r)), 1) + 1)
+    n_steps = max(int(np.linalg.norm(b - a) / (STEP_RADII * r)), 1)
+    between = np.linspace(a, b, n_steps + 1)
     return bool(count_views(between, r, views).is_free.any())
 
 
@@ -118,17 +182,18 @@ def mark_unseen_ends(
         views: Registered views. Without depth images, the chains are unchanged.
         parameters: Method parameters; uses the radius r. A chain thicker than r uses its own radius.
     """
-    ends = [(k, at) for k, chain in enumerate(chains) for at in (0, 1) if chain.ends[at] == "free" and not chain.closed]
     distances = np.arange(STEP_RADII, MAX_AHEAD_RADII + STEP_RADII / 2, STEP_RADII)
     kinds = [list(chain.ends) for chain in chains]
-    for k, at in ends:
-        line, r = chains[k].points[:: -1 if at else 1], max(chains[k].radius_m, parameters.r)
-        outward = unit_vectors(end_direction(line, DIRECTION_LENGTH_RADII * r) * (1.0, 1.0, 0.0))
-        counts = count_views(line[0] + r * distances[:, None] * outward, r, views)
+    for end in open_ends(chains):
+        if end.chain.ends[end.at] != "free":
+            continue
+        r = max(end.chain.radius_m, parameters.r)
+        outward = unit_vectors(end_direction(end.line, DIRECTION_LENGTH_RADII * r) * (1.0, 1.0, 0.0))
+        counts = count_views(end.point + r * distances[:, None] * outward, r, views)
         is_free = (counts.through >= min(MIN_VIEWS, counts.views)) & (counts.through >= counts.stopped)
         if not is_free.any():
-            kinds[k][at] = "unobserved"
-    return tuple(replace(chain, ends=(a, b)) for chain, (a, b) in zip(chains, kinds, strict=True))
+            kinds[end.number][end.at] = "unobserved"
+    return with_ends(chains, kinds)
 
 
 def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:
@@ -140,48 +205,33 @@ def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: C
         parameters: Method parameters; uses the border margin r_f.
     """
     findings = []
-    for chain in chains:
-        for at in (0, 1):
-            if chain.ends[at] != "unobserved":
-                continue
-            point = chain.points[-at]
-            name = f"the {WHICH[at]} end of chain {chain.id} at {format_position(point)}"
-            if scene.is_near_border(point, parameters.r_f):
-                message = f"{name} is at the border of the workspace; the string may continue outside"
-                findings.append(_end_finding("end-at-border", message, chain, at))
-            else:
-                message = f"{name} was not observed; the string may continue there"
-                findings.append(_end_finding("end-unobserved", message, chain, at))
+    for end in open_ends(chains):
+        if end.chain.ends[end.at] != "unobserved":
+            continue
+        name = f"the {end.name} end of chain {end.chain.id} at {format_position(end.point)}"
+        if scene.is_near_border(end.point, parameters.r_f):
+            message = f"{name} is at the border of the workspace; the string may continue outside"
+            findings.append(_end_finding("end-at-border", message, end))
+        else:
+            message = f"{name} was not observed; the string may continue there"
+            findings.append(_end_finding("end-unobserved", message, end))
     return findings
 
 
 def _end_finding(
-    code: FindingCode, message: str, chain: Chain, at: int, value: float | None = None, limit: float | None = None
+    code: FindingCode, message: str, end: ChainEnd, value: float | None = None, limit: float | None = None
 ) -> Finding:
-    """Return a finding on the first (`at` 0) or last (`at` 1) end of a chain."""
-    length, part = chain.length_m, END_PART_RADII * chain.radius_m
+    """Return a finding on an end. It concerns the part of the chain within `END_PART_RADII` of the end."""
     return finding(
         code,
         message,
-        chains=(chain.id,),
-        end=WHICH[at],
-        s_range_m=(max(length - part, 0.0), length) if at else (0.0, min(part, length)),
-        point=chain.points[-at],
+        chains=(end.chain.id,),
+        end=end.name,
+        s_range_m=end.part_m(END_PART_RADII * end.chain.radius_m),
+        point=end.point,
         value=value,
         limit=limit,
     )
-
-
-def _mark_ends(chain: Chain, rest: NDArray[np.float64], parameters: ChainParameters) -> Chain:
-    """Mark each end of an open chain as `unobserved` if unexplained surface `rest` (M, 3) lies ahead of the end."""
-    first, last = chain.ends
-    # Unexplained surface begins at twice this radius from the chain.
-    r = max(chain.radius_m, parameters.r)
-    if _continues(chain.points, rest, r):
-        first = "unobserved"
-    if _continues(chain.points[::-1], rest, r):
-        last = "unobserved"
-    return replace(chain, ends=(first, last))
 
 
 def _continues(line: NDArray[np.float64], rest: NDArray[np.float64], r: float) -> bool:

@@ -26,6 +26,14 @@ from recognition.tracing.occlusion_map import OcclusionMap
 
 MAX_TABLE_GAP_RADII = 0.4
 """Maximum gap between the table and a string, in radii of the string. A larger gap gives a finding."""
+OUTWARD_LINKS = 3
+"""Number of links at an end over which its direction is measured."""
+AHEAD_RADII = (0.3, 1.3)
+"""Range of the distances ahead of an end, in radii r, at which another strand over the end hides its continuation."""
+AHEAD_POINTS = 5
+"""Number of points in this range."""
+MAX_HIDDEN_SHARE = 0.5
+"""Maximum share of these points that another strand hides at an observed end."""
 MAX_THINNER_SHARE = 0.25
 """Maximum share of r by which a string may be thinner than r. A thinner string gives a doubt.
 
@@ -41,6 +49,16 @@ class ChainAssembly:
     """Chains in the order of their `id`."""
     findings: tuple[Finding, ...]
     """Findings on excluded strands, and on chains that contradict the expected shape, radius or table height."""
+
+
+@dataclass(frozen=True, eq=False)
+class _String:
+    """A string, and the surface about it."""
+
+    strand: FittedStrand
+    """Fitted strand of the string."""
+    scatter_m: float
+    """Standard deviation of the surface about the tubes of its pass, metres."""
 
 
 def assemble_fitted_chains(
@@ -66,11 +84,12 @@ def assemble_fitted_chains(
         The chains with sigmas, view counts and ends, and the findings on the chains and the excluded strands.
     """
     support = support or SupportSurface(scene.table_z_m)
-    findings = [remark for found in passes for remark in found.findings]
-    strings = sorted(
-        ((string, found.scatter_m) for found in passes for string in found.strings),
-        key=lambda one: order_key(one[0].points, one[0].closed),
-    )
+    findings: list[Finding] = []
+    strings: list[_String] = []
+    for found in passes:
+        findings += found.findings
+        strings += [_String(strand, found.scatter_m) for strand in found.strings]
+    strings.sort(key=lambda string: order_key(string.strand.points, string.strand.closed))
     if not strings:
         message = (
             f"no string of radius {parameters.r * 1000:.1f} mm found: nothing above the table is long, round and about "
@@ -78,13 +97,24 @@ def assemble_fitted_chains(
         )
         findings.insert(0, finding("no-string-found", message))
     chains: list[Chain] = []
-    for number, (strand, scatter_m) in enumerate(strings):
-        sigma_m, views = point_uncertainty(strand, registration, scatter_m)
-        ends = classify_ends(strand, occlusion_map, scene, parameters)
-        chains.append(Chain(number, strand.closed, strand.radius_m, strand.points, sigma_m, views, ends))
-    for chain, (strand, _) in zip(chains, strings, strict=True):
-        findings += _shape_findings(chain, strand, support, chains) + _radius_findings(chain, strand, parameters)
-        if is_other_rod(strand, parameters.r):
+    for number, string in enumerate(strings):
+        strand = string.strand
+        sigma_m, views = point_uncertainty(strand, registration, string.scatter_m)
+        chains.append(
+            Chain(
+                id=number,
+                closed=strand.closed,
+                radius_m=strand.radius_m,
+                points=strand.points,
+                sigma_m=sigma_m,
+                views=views,
+                ends=classify_ends(strand, occlusion_map, scene, parameters),
+            )
+        )
+    for chain, string in zip(chains, strings, strict=True):
+        findings += _shape_findings(chain, string.strand, support, chains)
+        findings += _radius_findings(chain, string.strand, parameters)
+        if is_other_rod(string.strand, parameters.r):
             findings.append(_possible_rod(chain))
     return ChainAssembly(tuple(chains), tuple(findings))
 
@@ -109,12 +139,16 @@ def classify_ends(
         return "free", "free"
     kinds: list[End] = []
     for points in (strand.points, strand.points[::-1]):
-        outward = points[0] - points[min(3, len(points) - 1)]
+        outward = points[0] - points[min(OUTWARD_LINKS, len(points) - 1)]
         outward[2] = 0.0
         outward /= max(float(np.linalg.norm(outward)), 1e-12)
-        ahead = points[0] + np.linspace(0.3, 1.3, 5)[:, None] * parameters.r * outward
-        hidden = occlusion_map.occlusion(ahead, max(parameters.r, strand.radius_m)).is_occluded.mean() > 0.5
-        kinds.append("unobserved" if hidden or scene.is_near_border(points[0], parameters.r_f) else "free")
+        ahead = points[0] + np.linspace(*AHEAD_RADII, AHEAD_POINTS)[:, None] * parameters.r * outward
+        occlusion = occlusion_map.occlusion(ahead, max(parameters.r, strand.radius_m))
+        is_hidden = occlusion.is_occluded.mean() > MAX_HIDDEN_SHARE
+        kind: End = "free"
+        if is_hidden or scene.is_near_border(points[0], parameters.r_f):
+            kind = "unobserved"
+        kinds.append(kind)
     return kinds[0], kinds[1]
 
 

@@ -43,6 +43,33 @@ hidden heights may be too inaccurate to tell them apart.
 """
 MAX_UNDECIDED_CONFIDENCE = 0.6
 """Maximum confidence of a crossing if it is flat, or if the views contradict the heights of its strands."""
+HIDDEN_RADII = 1.5
+"""Distance from the other strand, across it, from which the surface of a strand is measured, in radii r."""
+MIN_CROSSING_SINE = 0.3
+"""Lower limit of the sine of a crossing angle. It limits the hidden length of nearly parallel strands."""
+SAMPLED_RADII = 2.0
+"""Length of a strand on each side of a crossing on which its height is measured, in radii r."""
+HEIGHT_SAMPLES = 5
+"""Number of samples on this length."""
+SAMPLE_RADII = 0.5
+"""Maximum distance of the surface of a sample from the centre line, seen from above, in radii r."""
+MAX_SAMPLE_HEIGHT_RADII = 2.0
+"""Maximum height difference between the surface of a sample and the centre line, in radii r. Beyond it lies the surface
+of a third strand that passes over or under the sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One of the two chains at an intersection."""
+
+    chain: Chain
+    """The chain."""
+    s_m: float
+    """Arc length of the intersection along it, metres."""
+
+    def value(self, values: NDArray[np.float64] | NDArray[np.int64]) -> float:
+        """Interpolate the values (N,) at the points of the chain at the intersection."""
+        return float(ChainInterpolator(self.chain)(np.array(self.s_m), values.astype(np.float64)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +97,8 @@ def find_crossings(strands: Sequence[Strand], surface: NDArray[np.float64], para
         The crossings, and findings on uncertain crossings. The confidence of a crossing follows from the height
         difference and `HEIGHT_SIGMA_M`.
     """
-    crossings, findings = [], []
+    crossings: list[Crossing] = []
+    findings: list[Finding] = []
     for number, intersection in enumerate(find_intersections(strands)):
         heights = np.array([_measure_height(strands, intersection, which, surface, parameters) for which in (0, 1)])
         gap = float(np.ptp(heights))
@@ -96,26 +124,19 @@ def find_fitted_crossings(chains: Sequence[Chain], connections: Sequence[Finding
     Returns:
         The crossings, and findings on uncertain crossings. Grazing contacts are excluded.
     """
-    crossings, findings = [], []
+    crossings: list[Crossing] = []
+    findings: list[Finding] = []
     for intersection in _remove_grazing_contacts(find_intersections(chains), chains):
         heights = np.array(intersection.heights_m)
-        over = int(heights.argmax())
         gap = float(np.ptp(heights))
-        sigma = math.hypot(
-            *(_value_at(chains[intersection.strands[k]], intersection.s_m[k], "sigma_m") for k in (0, 1))
-        )
-        confidence = float(ndtr(gap / sigma))
-        views_over, views_under = (
-            _value_at(chains[intersection.strands[k]], intersection.s_m[k], "views") for k in (over, 1 - over)
-        )
-        contradicted = views_over < 0.5 <= views_under
-        if contradicted or _is_flat(intersection, chains):
+        sides = [_Side(chains[k], s) for k, s in zip(intersection.strands, intersection.s_m, strict=True)]
+        sigmas = [side.value(side.chain.sigma_m) for side in sides]
+        confidence = float(ndtr(gap / math.hypot(*sigmas)))
+        is_contradicted = _is_only_lower_seen(sides, over=int(heights.argmax()))
+        if is_contradicted or _is_flat(intersection, chains):
             confidence = min(confidence, MAX_UNDECIDED_CONFIDENCE)
-        connected = max(
-            _connection_confidence(chains[chain], s, connections)
-            for chain, s in zip(intersection.strands, intersection.s_m, strict=True)
-        )
-        reason = _reason(gap, contradicted, is_connection=connected < confidence)
+        connected = max(_connection_confidence(side, connections) for side in sides)
+        reason = _reason(gap, is_contradicted, is_connection=connected < confidence)
         confidence = min(confidence, connected)
         crossings.append(_make_crossing(intersection, len(crossings), heights, confidence))
         if confidence < MIN_CERTAIN_CONFIDENCE:
@@ -123,20 +144,29 @@ def find_fitted_crossings(chains: Sequence[Chain], connections: Sequence[Finding
     return CrossingSet(tuple(crossings), tuple(findings))
 
 
-def _connection_confidence(chain: Chain, s_m: float, connections: Sequence[Finding]) -> float:
-    """Return the probability that the chain is connected right at the arc length `s_m`, metres, 0.5 to 1.
+def _is_only_lower_seen(sides: Sequence[_Side], over: int) -> bool:
+    """Return whether views saw the under chain at an intersection, but no view saw the over chain `sides[over]`."""
+    views = [side.value(side.chain.views) for side in sides]
+    # Between two points of a chain, the number of views is interpolated.
+    return views[over] < 0.5 <= views[1 - over]
+
+
+def _connection_confidence(side: _Side, connections: Sequence[Finding]) -> float:
+    """Return the probability that a chain is connected right at an intersection, 0.5 to 1.
 
     The margin of a connection is the difference of two costs in squared sigmas, twice the logarithm of the odds.
     """
-    margins = [
-        found.value
-        for found in connections
-        if found.value is not None
-        and found.s_range_m is not None
-        and found.chains == (chain.id,)
-        and any(found.s_range_m[0] <= s <= found.s_range_m[1] for s in (s_m, s_m + chain.length_m))
-    ]
-    return float(expit(min(margins) / 2)) if margins else 1.0
+    margins = []
+    for found in connections:
+        if found.value is None or found.s_range_m is None or found.chains != (side.chain.id,):
+            continue
+        start, stop = found.s_range_m
+        # A part across the first point of a closed chain exceeds the length of the chain.
+        if start <= side.s_m <= stop or start <= side.s_m + side.chain.length_m <= stop:
+            margins.append(found.value)
+    if not margins:
+        return 1.0
+    return float(expit(min(margins) / 2))
 
 
 def _make_crossing(
@@ -148,16 +178,17 @@ def _make_crossing(
     seen from above. Otherwise it is -1.
     """
     over = int(heights.argmax())
-    turn = float(planar_cross(intersection.directions[over], intersection.directions[1 - over]))
-    upper, lower = (StrandPoint(intersection.strands[k], intersection.s_m[k]) for k in (over, 1 - over))
+    under = 1 - over
+    turn = float(planar_cross(intersection.directions[over], intersection.directions[under]))
+    sign = 1 if turn > 0 else -1
     return Crossing(
         id=number,
         point=np.array([*intersection.xy, float(heights.mean())]),
-        over=upper,
-        under=lower,
+        over=StrandPoint(intersection.strands[over], intersection.s_m[over]),
+        under=StrandPoint(intersection.strands[under], intersection.s_m[under]),
         gap_m=float(np.ptp(heights)),
         angle_rad=_angle_rad(intersection),
-        sign=1 if turn > 0 else -1,
+        sign=sign,
         confidence=confidence,
     )
 
@@ -207,9 +238,8 @@ def _measure_height(
     """Return the height of one strand's centre line at an intersection, metres, measured on the surface.
 
     The surface is sampled along the strand on both sides of the intersection. The samples begin at a distance of
-    1.5 r / sin(crossing angle), which clears the other strand, and span 2 r. Each sample uses the surface points within
-    r / 2 of the centre line, seen from above. The height is the measured top minus r. Without surface, the centre line
-    itself gives the height.
+    `HIDDEN_RADII` r / sin(crossing angle), which clears the other strand, and span `SAMPLED_RADII` r. The height is the
+    measured top minus r. Without surface, the centre line itself gives the height.
 
     Args:
         strands: Strands of the scene.
@@ -218,23 +248,24 @@ def _measure_height(
         surface: (N, 3) registered surface points, metres, base frame.
         parameters: Method parameters; uses the radius r.
     """
-    own, other = intersection.directions[which], intersection.directions[1 - which]
-    sine = max(abs(float(planar_cross(own, other))), 0.3)
-    hidden = parameters.r * 1.5 / sine
+    r = parameters.r
+    sine = max(abs(float(planar_cross(*intersection.directions))), MIN_CROSSING_SINE)
+    from_crossing = r * HIDDEN_RADII / sine + np.linspace(0, SAMPLED_RADII * r, HEIGHT_SAMPLES)
     strand = strands[intersection.strands[which]]
     line = close_polyline(strand.points, strand.closed)
     length = arc_length(line)[-1]
     tops = []
     for sign in (-1, 1):
-        offsets = intersection.s_m[which] + sign * (hidden + np.linspace(0, 2 * parameters.r, 5))
-        offsets = offsets[(offsets >= 0) & (offsets <= length)]
-        for point in points_at(line, offsets):
-            beside = np.linalg.norm(surface[:, :2] - point[:2], axis=1) < parameters.r / 2
-            # Exclude the surface of a third strand that passes over or under this point.
-            beside &= np.abs(surface[:, 2] - point[2]) < 2 * parameters.r
-            if beside.any():
-                tops.append(float(np.percentile(surface[beside, 2], TOP_PERCENTILE)) - parameters.r)
-    return float(np.mean(tops)) if tops else intersection.heights_m[which]
+        s = intersection.s_m[which] + sign * from_crossing
+        s = s[(s >= 0) & (s <= length)]
+        for point in points_at(line, s):
+            is_beside = np.linalg.norm(surface[:, :2] - point[:2], axis=1) < SAMPLE_RADII * r
+            is_beside &= np.abs(surface[:, 2] - point[2]) < MAX_SAMPLE_HEIGHT_RADII * r
+            if is_beside.any():
+                tops.append(float(np.percentile(surface[is_beside, 2], TOP_PERCENTILE)) - r)
+    if not tops:
+        return intersection.heights_m[which]
+    return float(np.mean(tops))
 
 
 def _remove_grazing_contacts(intersections: Sequence[Intersection], chains: Sequence[Chain]) -> list[Intersection]:
@@ -258,16 +289,10 @@ def _is_flat(intersection: Intersection, chains: Sequence[Chain]) -> bool:
 
 def _is_same_contact(one: Intersection, other: Intersection, chains: Sequence[Chain]) -> bool:
     """Return whether two intersections have the same nearly parallel strands and are close together along each."""
-    if one.strands != other.strands or max(map(_angle_rad, (one, other))) > MAX_GRAZING_RAD:
+    if one.strands != other.strands or max(_angle_rad(one), _angle_rad(other)) > MAX_GRAZING_RAD:
         return False
     distances = [
-        ChainInterpolator(chains[strand]).distance(np.array(s), t)
+        float(ChainInterpolator(chains[strand]).distance(np.array(s), t))
         for strand, s, t in zip(one.strands, one.s_m, other.s_m, strict=True)
     ]
-    return max(map(float, distances)) < MAX_GRAZING_RADII * max(chains[strand].radius_m for strand in one.strands)
-
-
-def _value_at(chain: Chain, s_m: float, field: str) -> float:
-    """Interpolate the point values in `field` of a chain (such as "sigma_m") at the arc length `s_m`, metres."""
-    values = np.asarray(getattr(chain, field), dtype=np.float64)
-    return float(ChainInterpolator(chain)(np.array(s_m), values))
+    return max(distances) < MAX_GRAZING_RADII * max(chains[strand].radius_m for strand in one.strands)

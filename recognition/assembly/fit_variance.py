@@ -32,6 +32,11 @@ STRAIGHT_DENSITY = BEND_SIGMA_RADII**2 / STEP_RADII**3
 """Lower limit of the density, 1 / r. It is the density of the bending penalty of the fit."""
 UNKNOWN_RADII = 10.0
 """Standard deviation of a hidden point that nothing is known of, in radii."""
+MIN_POINT_VARIANCE_M2 = 1e-14
+"""Lower limit of twice the squared scatter, square metres. It prevents division by zero on exact surface."""
+DIRECTIONS_FACTOR = 1.5
+"""Larger eigenvalue plus half the smaller one of a covariance across the string that is equal in all directions, in
+variances of one direction."""
 WINDOW_POINTS = 128
 """Number of points of a strand that are computed together."""
 WINDOW_MARGIN_POINTS = 64
@@ -53,23 +58,29 @@ def fit_variance(strand: FittedStrand, scatter_m: float) -> NDArray[np.float64]:
         Gaussian process whose second derivative is white noise.
     """
     n = len(strand.points)
-    if n < 3:
-        return np.full(n, (UNKNOWN_RADII * strand.radius_m) ** 2 if strand.bridged.any() else 3 * scatter_m**2)
-    step = float(arc_length(strand.points)[-1]) / (n - 1)
     # Normals point in all directions across the string, so each direction has half of the points.
-    information = np.where(strand.bridged, 0.0, strand.support / max(2 * scatter_m**2, 1e-14))
+    point_variance = 2 * scatter_m**2
+    if n < 3:
+        if strand.bridged.any():
+            return np.full(n, (UNKNOWN_RADII * strand.radius_m) ** 2)
+        return np.full(n, DIRECTIONS_FACTOR * point_variance)
+    step = float(arc_length(strand.points)[-1]) / (n - 1)
+    information = np.where(strand.bridged, 0.0, strand.support / max(point_variance, MIN_POINT_VARIANCE_M2))
     information = np.maximum(information, (UNKNOWN_RADII * strand.radius_m) ** -2.0)
     # The second differences of curvature that stays the same over the bend length have this standard deviation.
     bend = np.sqrt(bending_density(strand, step) * step**4 / (BEND_LENGTH_RADII * strand.radius_m))
     variance = np.zeros(n)
     for first in range(0, n, WINDOW_POINTS):
         last = min(first + WINDOW_POINTS, n)
-        window = np.arange(first - WINDOW_MARGIN_POINTS, last + WINDOW_MARGIN_POINTS)
-        window = window % n if strand.closed else window[(window >= 0) & (window < n)]
-        inner = np.arange(last - first) + (WINDOW_MARGIN_POINTS if strand.closed else min(first, WINDOW_MARGIN_POINTS))
-        variance[first:last] = _window_variance(
-            strand.points[window], information[window], bend[window], strand.radius_m
-        )[inner]
+        window_first = first - WINDOW_MARGIN_POINTS
+        window_last = last + WINDOW_MARGIN_POINTS
+        if not strand.closed:
+            window_first = max(window_first, 0)
+            window_last = min(window_last, n)
+        # The window of a closed strand may go round it.
+        window = np.arange(window_first, window_last) % n
+        of_window = _window_variance(strand.points[window], information[window], bend[window], strand.radius_m)
+        variance[first:last] = of_window[first - window_first : last - window_first]
     return variance
 
 
@@ -83,18 +94,24 @@ def bending_density(strand: FittedStrand, step: float) -> NDArray[np.float64]:
         strand: Fitted strand with N points.
         step: Distance of its points, metres.
     """
-    n, pad = len(strand.points), NEAR_POINTS + 1
-    around = np.arange(-pad, n + pad) % n if strand.closed else np.arange(n)
-    points, hidden = strand.points[around], strand.bridged[around]
+    n = len(strand.points)
+    # A closed strand goes on before its first point and after its last point.
+    pad = NEAR_POINTS + 1 if strand.closed else 0
+    around = np.arange(-pad, n + pad) % n
+    points = strand.points[around]
+    hidden = strand.bridged[around]
     square = np.zeros(len(points))
     square[1:-1] = ((_second_differences(points) / step**2) ** 2).sum(axis=1) / 2
     is_visible = np.zeros(len(points), dtype=bool)
     is_visible[1:-1] = ~(hidden[:-2] | hidden[1:-1] | hidden[2:])
     square[~is_visible] = 0.0
     mean_square = square.sum() / max(is_visible.sum(), 1)
-    sums, counts = (_moving_sum(values, 2 * NEAR_POINTS + 1) for values in (square, is_visible.astype(np.float64)))
-    first = NEAR_POINTS + (pad if strand.closed else 0)
-    local = (sums[first : first + n] + mean_square) / (counts[first : first + n] + 1)
+    n_near = 2 * NEAR_POINTS + 1
+    # A moving sum stands at the last of its points, which is NEAR_POINTS after the middle one.
+    near = slice(NEAR_POINTS + pad, NEAR_POINTS + pad + n)
+    sums = _moving_sum(square, n_near)[near]
+    counts = _moving_sum(is_visible.astype(np.float64), n_near)[near]
+    local = (sums + mean_square) / (counts + 1)
     r = strand.radius_m
     return np.maximum(BEND_LENGTH_RADII * r * local, STRAIGHT_DENSITY / r)
 
@@ -110,7 +127,8 @@ def _window_variance(
         bend: (N,) standard deviation of the second difference in each direction across, metres.
         r: Radius of the string, metres.
     """
-    n, penalty = len(points), (BEND_SIGMA_RADII * r) ** -2.0
+    n = len(points)
+    penalty = (BEND_SIGMA_RADII * r) ** -2.0
     bands = np.zeros((3, n))
     bands[2] = information
     inner = np.arange(n - 2)
@@ -123,7 +141,8 @@ def _window_variance(
     noise = X**2 @ information
     runs = _moving_sum(by_bend * bend[1:-1], BEND_POINTS) / np.sqrt(BEND_POINTS)
     bias = by_bend @ _second_differences(points)
-    return np.asarray(1.5 * (noise + (runs**2).sum(axis=1)) + (bias**2).sum(axis=1), dtype=np.float64)
+    unseen_bends = (runs**2).sum(axis=1)
+    return np.asarray(DIRECTIONS_FACTOR * (noise + unseen_bends) + (bias**2).sum(axis=1), dtype=np.float64)
 
 
 def _second_differences(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from recognition.geometry.polyline import arc_length, unit_vectors
 from recognition.messages import format_position
 from recognition.model.chains import Chain
+from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, finding
 
 MAX_LOOSE_BEND_RAD = np.radians(75)
@@ -15,6 +16,10 @@ MAX_LOOSE_BEND_RAD = np.radians(75)
 MAX_BEND_RAD = 2.0
 """Maximum bend angle at a point of any string, radians. The bend radius is then the radius of the string: in a sharper
 bend, the inner side of a round string would run backwards."""
+DIRECTION_RADII = 2.0
+"""Length before and after a point over which the directions are measured, in radii."""
+MIN_SPACING_M = 1e-9
+"""Lower limit of the distance between two points of a chain, metres. It prevents division by zero."""
 
 
 def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
@@ -33,18 +38,21 @@ def sharp_bend_findings(chains: Sequence[Chain]) -> list[Finding]:
     """
     findings = []
     for chain in chains:
-        step = max(round(2 * chain.radius_m / max(chain.length_m / max(len(chain.points) - 1, 1), 1e-9)), 1)
+        spacing = chain.length_m / max(len(chain.points) - 1, 1)
+        step = max(round(DIRECTION_RADII * chain.radius_m / max(spacing, MIN_SPACING_M)), 1)
         if len(chain.points) <= 2 * step:
             continue
-        # The bends of a closed chain include the bends at its first and its last points.
-        line = np.vstack([chain.points, chain.points[: 2 * step]]) if chain.closed else chain.points
+        line = chain.points
+        if chain.closed:
+            # The bends of a closed chain include the bends at its first and its last points.
+            line = np.vstack([line, line[: 2 * step]])
         directions = unit_vectors(line[step:] - line[:-step])
         angles = np.arccos(np.clip((directions[step:] * directions[:-step]).sum(axis=1), -1, 1))
         s = arc_length(line)
+        # Angle k is that at the point k + step.
         for k in _separate_maxima(angles, 2 * step, chain.closed):
-            findings.append(
-                _bend_finding(chain.id, line[k + step], float(angles[k]), (float(s[k]), float(s[k + 2 * step])))
-            )
+            s_range_m = (float(s[k]), float(s[k + 2 * step]))
+            findings.append(_bend_finding(chain.id, line[k + step], float(angles[k]), s_range_m))
     return findings
 
 
@@ -54,27 +62,32 @@ def _separate_maxima(angles: NDArray[np.float64], apart: int, closed: bool) -> I
     Of angles whose indices differ by at most `apart`, only the largest counts. On a closed chain, the last index is
     beside the first.
     """
-    rest, numbers = angles.copy(), np.arange(len(angles))
-    while rest[k := int(rest.argmax())] > MAX_LOOSE_BEND_RAD:
+    rest = angles.copy()
+    while rest.max() > MAX_LOOSE_BEND_RAD:
+        k = int(rest.argmax())
         yield k
-        distance = np.abs(numbers - k)
-        rest[(np.minimum(distance, len(angles) - distance) if closed else distance) <= apart] = 0.0
+        distance = np.abs(np.arange(len(angles)) - k)
+        if closed:
+            distance = np.minimum(distance, len(angles) - distance)
+        rest[distance <= apart] = 0.0
 
 
 def _bend_finding(chain: int, point: NDArray[np.float64], angle: float, s_range_m: tuple[float, float]) -> Finding:
     """Return the finding on a bend: a doubt if only a string that is pulled tight bends so, else a blocking finding."""
-    is_possible = angle <= MAX_BEND_RAD
-    reason = (
-        "it may have taken the wrong strand at a crossing, unless it is pulled tight there"
-        if is_possible
-        else "no string bends so, and it has probably taken the wrong strand at a crossing"
-    )
+    if angle <= MAX_BEND_RAD:
+        code: FindingCode = "tight-bend"
+        reason = "it may have taken the wrong strand at a crossing, unless it is pulled tight there"
+        limit = MAX_LOOSE_BEND_RAD
+    else:
+        code = "sharp-bend"
+        reason = "no string bends so, and it has probably taken the wrong strand at a crossing"
+        limit = MAX_BEND_RAD
     return finding(
-        "tight-bend" if is_possible else "sharp-bend",
+        code,
         f"chain {chain} bends sharply at {format_position(point)}: {reason}",
         chains=(chain,),
         s_range_m=s_range_m,
         point=point,
         value=angle,
-        limit=MAX_LOOSE_BEND_RAD if is_possible else MAX_BEND_RAD,
+        limit=limit,
     )

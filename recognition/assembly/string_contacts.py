@@ -26,15 +26,17 @@ def rests_on_both_sides(chain: Chain, chains: Sequence[Chain], table_m: float, m
         table_m: Height of the table or object beside the chain, metres.
         max_gap_m: Maximum gap between two surfaces in contact, metres.
     """
-    points, s = chain.points, chain.arc_length_m
+    points = chain.points
+    s = chain.arc_length_m
     supported = points[:, 2] - chain.radius_m - table_m < max_gap_m
     for other in chains:
         reach = chain.radius_m + other.radius_m + max_gap_m
         near = KDTree(points).sparse_distance_matrix(KDTree(other.points), reach, output_type="ndarray")
-        i, j = near["i"], near["j"]
-        is_over = points[i, 2] - other.points[j, 2] > MIN_OVER_SHARE * (chain.radius_m + other.radius_m)
+        upper = near["i"]
+        lower = near["j"]
+        is_over = points[upper, 2] - other.points[lower, 2] > MIN_OVER_SHARE * (chain.radius_m + other.radius_m)
         if other is chain:
-            is_over &= np.abs(s[i] - s[j]) > MIN_ALONG_RADII * chain.radius_m
-        supported[i[is_over]] = True
+            is_over &= np.abs(s[upper] - s[lower]) > MIN_ALONG_RADII * chain.radius_m
+        supported[upper[is_over]] = True
     is_first_half = s < s[-1] / 2
     return bool(supported[is_first_half].any() and supported[~is_first_half].any())

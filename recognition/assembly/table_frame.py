@@ -66,8 +66,7 @@ def move_registration(registration: Registration, T: NDArray[np.float64]) -> Reg
 def move_heights(heights: HeightMap, T: NDArray[np.float64]) -> HeightMap:
     """Return the height map after the small motion `T` (4, 4), metres. Its cells keep their positions."""
     centres = heights.cell_centres()
-    x, y = centres[..., 0], centres[..., 1]
-    raised = (T[2, 0] * x + T[2, 1] * y + T[2, 3]).astype(np.float32)
+    raised = (T[2, 0] * centres[..., 0] + T[2, 1] * centres[..., 1] + T[2, 3]).astype(np.float32)
     return replace(heights, z_m=heights.z_m * np.float32(T[2, 2]) + raised)
 
 
@@ -88,7 +87,8 @@ def _move_finding(found: Finding, T: NDArray[np.float64]) -> Finding:
     if found.point_m is None:
         return found
     before = np.array(found.point_m)
-    x, y, z = (after := transform_points(T, before[None])[0]).tolist()
+    after = transform_points(T, before[None])[0]
+    x, y, z = after.tolist()
     message = found.message.replace(format_position(before), format_position(after))
     return replace(found, point_m=(x, y, z), message=message)
 

@@ -14,6 +14,8 @@ from recognition.registration.registration import Registration
 
 SURFACE_STRIDE = 2
 """Stride of the surface points of a view in the count of views. Every second surface point is enough."""
+BESIDE_RADII = (0.5, 1.6)
+"""Range of the distances from a point of the strand of the surface points beside it, in radii."""
 MIN_VIEW_POINTS = 2
 """Minimum number of surface points beside a point of the strand. With fewer, the view did not see the point."""
 SYSTEMATIC_VIEWS = 8
@@ -73,10 +75,12 @@ def _depth_variance(
     """
     known = [cloud.scatter.patch_m for cloud in registration.clouds if cloud.scatter.patch_m is not None]
     patch_m = float(np.median(known)) if known else scatter_m
-    seen, n = np.flatnonzero(views), len(views)
+    n = len(views)
+    seen = np.flatnonzero(views)
     if not len(seen):
         return np.full(n, DEPTH_FACTOR * patch_m**2)
-    near = np.interp(np.arange(n), seen, views[seen], period=n if strand.closed else None)
+    period = n if strand.closed else None
+    near = np.interp(np.arange(n), seen, views[seen], period=period)
     return np.asarray(DEPTH_FACTOR * patch_m**2 / np.minimum(near, SYSTEMATIC_VIEWS), dtype=np.float64)
 
 
@@ -84,11 +88,12 @@ def _count_views(strand: FittedStrand, clouds: Sequence[NormalCloud]) -> NDArray
     """Return the numbers (N,) of views with surface points beside each point of the strand."""
     tree = KDTree(strand.points)
     n_views = np.zeros(len(strand.points), dtype=np.int64)
+    min_distance, max_distance = (radii * strand.radius_m for radii in BESIDE_RADII)
     for cloud in clouds:
         points = cloud.points[::SURFACE_STRIDE]
-        distance, indices = tree.query(points, distance_upper_bound=1.6 * strand.radius_m)
+        distance, indices = tree.query(points, distance_upper_bound=max_distance)
         nearest = np.asarray(indices)
-        beside = (nearest < tree.n) & (np.asarray(distance) > 0.5 * strand.radius_m)
+        beside = (nearest < tree.n) & (np.asarray(distance) > min_distance)
         n_views += np.bincount(nearest[beside], minlength=tree.n) >= MIN_VIEW_POINTS
     return n_views
 

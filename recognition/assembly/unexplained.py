@@ -43,13 +43,16 @@ def find_unexplained_surface(
     Returns:
         (M, 3) points of each piece, metres, base frame.
     """
-    rest = surface[_is_far(surface, chains, parameters)] if chains else surface
+    rest = surface
+    if chains:
+        rest = surface[_is_far(surface, chains, parameters)]
     if len(rest) == 0:
         return []
     _, label = connected_components(neighbour_matrix(rest, rest, parameters.r), directed=False)
     order = np.argsort(label, kind="stable")
-    rest, first = rest[order], np.flatnonzero(np.diff(label[order], prepend=-1))
-    pieces = np.split(rest, first[1:])
+    # Each piece begins where the sorted label changes.
+    first = np.flatnonzero(np.diff(label[order], prepend=-1))
+    pieces = np.split(rest[order], first[1:])
     sizes = np.array([_size(piece) for piece in pieces])
     return [pieces[k] for k in np.argsort(-sizes, kind="stable") if sizes[k] >= parameters.r_cn]
 
@@ -68,7 +71,8 @@ def unexplained_findings(pieces: Sequence[NDArray[np.float64]], parameters: Chai
     """
     findings = []
     for piece in pieces[:MAX_LISTED_PIECES]:
-        size, centre = _size(piece), piece.mean(axis=0)
+        size = _size(piece)
+        centre = piece.mean(axis=0)
         message = f"something of {size * 1000:.0f} mm at {format_position(centre)} is above the table and in no chain"
         findings.append(finding("unexplained-surface", message, point=centre, value=size, limit=parameters.r_cn))
     further = pieces[MAX_LISTED_PIECES:]
@@ -127,9 +131,11 @@ def _is_far(surface: NDArray[np.float64], chains: Sequence[Chain], parameters: C
     lines = [resample(close_polyline(chain.points, chain.closed), parameters.r) for chain in chains]
     reach = np.repeat([2 * max(chain.radius_m, parameters.r) for chain in chains], [len(line) for line in lines])
     distance, nearest = KDTree(np.vstack(lines)).query(surface, distance_upper_bound=float(reach.max()))
-    far = ~np.isfinite(distance)
-    far[~far] = np.asarray(distance)[~far] > reach[np.asarray(nearest)[~far]]
-    return far
+    # Within the largest reach, the reach of the nearest chain decides.
+    is_near = np.isfinite(distance)
+    is_far = ~is_near
+    is_far[is_near] = np.asarray(distance)[is_near] > reach[np.asarray(nearest)[is_near]]
+    return is_far
 
 
 def _size(piece: NDArray[np.float64]) -> float:

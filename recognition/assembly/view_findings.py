@@ -62,7 +62,9 @@ def _exclusion_findings(code: FindingCode, views: Sequence[ViewQuality]) -> list
 def drift_findings(registration: Registration, chains: Sequence[Chain]) -> list[Finding]:
     """Return the doubt about the calibration, if there is one. It concerns all chains."""
     drift = registration.hand_eye_drift
-    return [] if drift is None else [replace(drift, chains=tuple(chain.id for chain in chains))]
+    if drift is None:
+        return []
+    return [replace(drift, chains=tuple(chain.id for chain in chains))]
 
 
 def single_view_findings(
@@ -114,16 +116,21 @@ def noise_findings(registration: Registration, parameters: ChainParameters) -> l
 
     It concerns the whole model, because noise can also hide a string or look like one.
     """
-    limits = {
-        "from patch to patch": max_scatter_m(parameters),
-        "from pixel to pixel": parameters.z_t / THRESHOLD_SIGMAS,
-    }
-    scatter = [(cloud.scatter.patch_m or 0.0, cloud.scatter.pixel_m) for cloud in registration.clouds]
-    for noise_m, (kind, limit_m) in zip(np.median(scatter, axis=0), limits.items(), strict=True):
-        if noise_m > limit_m:
-            message = (
-                f"the depth of the table scatters by {noise_m * 1000:.1f} mm {kind} (limit {limit_m * 1000:.1f} mm), "
-                f"too much for a string radius of {parameters.r * 1000:.1f} mm: the model may be wrong. {NOISE_ADVICE}"
-            )
-            return [finding("depth-noise", message, value=float(noise_m), limit=limit_m)]
+    patch_m = float(np.median([cloud.scatter.patch_m or 0.0 for cloud in registration.clouds]))
+    max_patch_m = max_scatter_m(parameters)
+    if patch_m > max_patch_m:
+        return [_noise_finding("from patch to patch", patch_m, max_patch_m, parameters.r)]
+    pixel_m = float(np.median([cloud.scatter.pixel_m for cloud in registration.clouds]))
+    max_pixel_m = parameters.z_t / THRESHOLD_SIGMAS
+    if pixel_m > max_pixel_m:
+        return [_noise_finding("from pixel to pixel", pixel_m, max_pixel_m, parameters.r)]
     return []
+
+
+def _noise_finding(kind: str, noise_m: float, limit_m: float, r: float) -> Finding:
+    """Return the doubt about depth noise of one kind, which exceeds its limit."""
+    message = (
+        f"the depth of the table scatters by {noise_m * 1000:.1f} mm {kind} (limit {limit_m * 1000:.1f} mm), "
+        f"too much for a string radius of {r * 1000:.1f} mm: the model may be wrong. {NOISE_ADVICE}"
+    )
+    return finding("depth-noise", message, value=noise_m, limit=limit_m)

@@ -1,4 +1,4 @@
-"""ScoredGrasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
+"""Grasp planner: grasps of a parallel gripper along each chain, with their clearance and score.
 
 The gripper approaches the centre line from straight above and closes across the string. Near other strands or objects,
 the gripper may also reach less deep or open less wide. Only where no upright grasp is possible, it is tilted about the
@@ -379,7 +379,7 @@ def _near_pairs(
         extent_m: Maximum distance from an obstacle point to the surface of its obstacle, metres.
 
     Returns:
-        ScoredGrasp indices (K,) and obstacle indices (K,).
+        Grasp indices (K,) and obstacle indices (K,).
     """
     T = trials.T
     gripper = trials.gripper

@@ -68,11 +68,13 @@ def add_table_error(registration: Registration, table: MeasuredTable | None) -> 
     if table is None:
         return registration
     if table.is_elsewhere:
+        error = table.covariance
         registration = replace(registration, hand_eye_error=None)
         if len(registration.clouds) == 1:
             covariance = given_pose_covariance(registration.clouds[0], registration.centre)
             return replace(registration, covariance=covariance)
-    error = table.covariance if table.is_elsewhere else estimate_table_error(table).covariance
+    else:
+        error = estimate_table_error(table).covariance
     n = len(registration.clouds)
     common = np.tile(table.pose_covariance(error, registration.centre), (n, n))
     return replace(registration, covariance=registration.covariance + common)
