@@ -1,7 +1,7 @@
 """Maximum weight matching of ends, and the margin of each matched pair."""
 
 import heapq
-from itertools import count
+from dataclasses import dataclass, field
 
 import numpy as np
 import rustworkx
@@ -18,6 +18,20 @@ MAX_BRANCHES = 100
 """Maximum number of branches of the search for a matching without conflicts. Knots need a few branches."""
 NO_CONFLICTS = np.empty((0, 2), dtype=np.int64)
 """No conflicts between candidate pairs."""
+
+
+@dataclass(order=True)
+class _Branch:
+    """Branch of the search for a matching without conflicts. The largest gain is first, then the oldest branch."""
+
+    negative_gain: float
+    """Sum of the gains of the matched pairs, negative because a heap pops the smallest element."""
+    number: int
+    """Number of the branch, in the order of creation."""
+    matched: NDArray[np.int64] = field(compare=False)
+    """(K,) indices of the matched pairs, ascending."""
+    excluded: frozenset[int] = field(compare=False)
+    """Indices of the pairs that the branch excludes."""
 
 
 def maximum_weight_matching(a: NDArray[np.int64], b: NDArray[np.int64], gain: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -62,21 +76,25 @@ def matching_without_conflicts(
     matched = maximum_weight_matching(a, b, gain)
     if len(conflicts) == 0:
         return matched
-    order = count()
-    branches = [(-float(gain[matched].sum()), next(order), matched, frozenset[int]())]
+    branches = [_Branch(-float(gain[matched].sum()), 0, matched, frozenset())]
+    n_branches = 1
     for _ in range(MAX_BRANCHES):
-        _, _, matched, excluded = heapq.heappop(branches)
-        broken = conflicts[np.isin(conflicts, matched).all(axis=1)]
+        best = heapq.heappop(branches)
+        broken = conflicts[np.isin(conflicts, best.matched).all(axis=1)]
         if len(broken) == 0:
-            return matched
+            return best.matched
         for pair in broken[0].tolist():
-            without = excluded | {pair}
-            kept = np.setdiff1d(np.arange(len(a)), sorted(without))
-            branch = kept[maximum_weight_matching(a[kept], b[kept], gain[kept])]
-            heapq.heappush(branches, (-float(gain[branch].sum()), next(order), branch, without))
-    matched = branches[0][2]
+            excluded = best.excluded | {pair}
+            kept = np.setdiff1d(np.arange(len(a)), sorted(excluded))
+            matched = kept[maximum_weight_matching(a[kept], b[kept], gain[kept])]
+            heapq.heappush(branches, _Branch(-float(gain[matched].sum()), n_branches, matched, excluded))
+            n_branches += 1
+    matched = branches[0].matched
     for pair in conflicts[np.isin(conflicts, matched).all(axis=1)]:
-        matched = np.setdiff1d(matched, pair[np.argmin(gain[pair])]) if np.isin(pair, matched).all() else matched
+        # An earlier conflict may already have dropped one of the two pairs.
+        if np.isin(pair, matched).all():
+            weaker = pair[np.argmin(gain[pair])]
+            matched = np.setdiff1d(matched, weaker)
     return matched
 
 
@@ -105,15 +123,19 @@ def matching_margins(
     if len(matched) == 0:
         return np.empty(0)
     n = int(max(a.max(), b.max())) + 1
-    row, column = np.concatenate([a, a[conflicts[:, 0]]]), np.concatenate([b, a[conflicts[:, 1]]])
-    _, group_of_end = connected_components(csr_array((np.ones(len(row)), (row, column)), shape=(n, n)), directed=False)
+    row = np.concatenate([a, a[conflicts[:, 0]]])
+    column = np.concatenate([b, a[conflicts[:, 1]]])
+    competes = csr_array((np.ones(len(row)), (row, column)), shape=(n, n))
+    _, group_of_end = connected_components(competes, directed=False)
     group_sizes = np.bincount(group_of_end)
     margins = np.zeros(len(matched))
     for k, pair in enumerate(matched):
         group = group_of_end[a[pair]]
-        if group_sizes[group] <= MAX_COMPETING_ENDS:
-            others = np.flatnonzero((group_of_end[a] == group) & (np.arange(len(a)) != pair))
-            inside = np.searchsorted(others, conflicts[np.isin(conflicts, others).all(axis=1)])
-            without = others[matching_without_conflicts(a[others], b[others], gain[others], inside)]
-            margins[k] = gain[matched[group_of_end[a[matched]] == group]].sum() - gain[without].sum()
+        if group_sizes[group] > MAX_COMPETING_ENDS:
+            continue
+        is_in_group = group_of_end[a] == group
+        others = np.flatnonzero(is_in_group & (np.arange(len(a)) != pair))
+        inside = np.searchsorted(others, conflicts[np.isin(conflicts, others).all(axis=1)])
+        without = others[matching_without_conflicts(a[others], b[others], gain[others], inside)]
+        margins[k] = gain[matched[is_in_group[matched]]].sum() - gain[without].sum()
     return margins

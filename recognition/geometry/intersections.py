@@ -70,25 +70,15 @@ def find_intersections(strands: Sequence[Polyline]) -> list[Intersection]:
     lines = [close_polyline(strand.points, strand.closed) for strand in strands]
     links = _collect_links(lines)
     m, n = _nearby_pairs(links)
-    u, v, w = links.vector[m, :2], links.vector[n, :2], links.start[n, :2] - links.start[m, :2]
-    determinant = planar_cross(u, v)
-    parallel = np.abs(determinant) <= PARALLEL_SINE * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = planar_cross(w, v) / determinant, planar_cross(w, u) / determinant
-        # A small margin beyond both ends of a link finds intersections that rounding puts between two links.
-        hit = ~parallel & (np.abs(a - 0.5) <= 0.5 + ROUNDING_SHARE) & (np.abs(b - 0.5) <= 0.5 + ROUNDING_SHARE)
-    count = np.bincount(links.strand, minlength=len(lines))
+    a, b = _shares_at_intersection(links, m, n)
+    # A small margin beyond both ends of a link finds intersections that rounding puts between two links.
+    is_hit = (np.abs(a - 0.5) <= 0.5 + ROUNDING_SHARE) & (np.abs(b - 0.5) <= 0.5 + ROUNDING_SHARE)
     closed = np.array([strand.closed for strand in strands], dtype=bool)
-    strand_of_m = links.strand[m]
-    distance = links.number[n] - links.number[m]
-    # Neighbouring links share a point and do not intersect. In a closed strand, the last link is next to the first.
-    neighbours = (distance == 1) | (closed[strand_of_m] & (distance == count[strand_of_m] - 1))
-    hit &= (strand_of_m != links.strand[n]) | ~neighbours
-    periods = [
-        float(arc_length(line)[-1]) if strand.closed else np.inf for line, strand in zip(lines, strands, strict=True)
-    ]
+    is_hit &= ~_are_neighbours(links, m, n, closed)
+    lengths = np.array([arc_length(line)[-1] for line in lines])
+    periods = np.where(closed, lengths, np.inf).tolist()
     found: list[Intersection] = []
-    for k in np.flatnonzero(hit):
+    for k in np.flatnonzero(is_hit):
         intersection = _intersect_links(links, int(m[k]), int(n[k]), float(a[k]), float(b[k]))
         if not any(_is_same(intersection, known, periods) for known in found):
             found.append(intersection)
@@ -124,28 +114,67 @@ def _nearby_pairs(links: _Links) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return m[order], n[order]
 
 
+def _shares_at_intersection(
+    links: _Links, m: NDArray[np.intp], n: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the shares (P,) of links m and (P,) of links n that lie before their intersection; NaN if parallel."""
+    u = links.vector[m, :2]
+    v = links.vector[n, :2]
+    offset = links.start[n, :2] - links.start[m, :2]
+    determinant = planar_cross(u, v)
+    is_parallel = np.abs(determinant) <= PARALLEL_SINE * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    determinant = np.where(is_parallel, np.nan, determinant)
+    return planar_cross(offset, v) / determinant, planar_cross(offset, u) / determinant
+
+
+def _are_neighbours(
+    links: _Links, m: NDArray[np.intp], n: NDArray[np.intp], closed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which links (P,) m and n share a point. `closed` (S,) states which strands are closed."""
+    strand = links.strand[m]
+    distance = links.number[n] - links.number[m]
+    # In a closed strand, the last link is next to the first.
+    last_number = np.bincount(links.strand, minlength=len(closed)) - 1
+    is_next = (distance == 1) | (closed[strand] & (distance == last_number[strand]))
+    return is_next & (strand == links.strand[n])
+
+
 def _intersect_links(links: _Links, m: int, n: int, a: float, b: float) -> Intersection:
     """Return the intersection of links m and n. It lies at the share a of link m and at the share b of link n."""
-    points = [links.start[k] + share * links.vector[k] for k, share in ((m, a), (n, b))]
-    first, second = (links.vector[k, :2] / np.linalg.norm(links.vector[k, :2]) for k in (m, n))
-    s = [float(links.s[k] + share * np.linalg.norm(links.vector[k])) for k, share in ((m, a), (n, b))]
+    point_m = links.start[m] + a * links.vector[m]
+    point_n = links.start[n] + b * links.vector[n]
+    s_m = links.s[m] + a * np.linalg.norm(links.vector[m])
+    s_n = links.s[n] + b * np.linalg.norm(links.vector[n])
     return Intersection(
         strands=(int(links.strand[m]), int(links.strand[n])),
-        s_m=(s[0], s[1]),
-        heights_m=(float(points[0][2]), float(points[1][2])),
-        directions=(first, second),
-        xy=points[0][:2],
+        s_m=(float(s_m), float(s_n)),
+        heights_m=(float(point_m[2]), float(point_n[2])),
+        directions=(_planar_direction(links.vector[m]), _planar_direction(links.vector[n])),
+        xy=point_m[:2],
     )
+
+
+def _planar_direction(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector (2,) of a vector (3,) in the table plane."""
+    return vector[:2] / np.linalg.norm(vector[:2])
 
 
 def _is_same(one: Intersection, other: Intersection, periods: Sequence[float]) -> bool:
     """Return whether two intersections are equal. `periods` has the strand lengths, infinite for an open strand."""
     if one.strands != other.strands:
         return False
+    strand_periods = [periods[strand] for strand in one.strands]
+    if _are_close(one.s_m, other.s_m, strand_periods):
+        return True
     # A strand passes a self-intersection twice. In a closed strand, either pass may be the first.
-    orders = ((0, 1), (1, 0)) if one.strands[0] == one.strands[1] else ((0, 1),)
-    distances = [[abs(one.s_m[k] - other.s_m[order[k]]) for k in (0, 1)] for order in orders]
-    return any(
-        all(min(d, periods[strand] - d) <= SAME_POINT_M for d, strand in zip(pair, one.strands, strict=True))
-        for pair in distances
-    )
+    is_self_intersection = one.strands[0] == one.strands[1]
+    return is_self_intersection and _are_close(one.s_m, other.s_m[::-1], strand_periods)
+
+
+def _are_close(one_s_m: Sequence[float], other_s_m: Sequence[float], periods: Sequence[float]) -> bool:
+    """Return whether two intersections are near each other along both strands."""
+    for one, other, period in zip(one_s_m, other_s_m, periods, strict=True):
+        distance = abs(one - other)
+        if min(distance, period - distance) > SAME_POINT_M:
+            return False
+    return True

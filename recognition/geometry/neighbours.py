@@ -42,10 +42,11 @@ def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], 
         i, j = neighbour_pairs(points, radius)
     else:
         pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
-        i, j = pairs["i"], pairs["j"]
+        i = pairs["i"]
+        j = pairs["j"]
     # The conversion to rows is faster with 32-bit indices.
-    i, j = i.astype(np.int32), j.astype(np.int32)
-    return csr_array((np.ones(len(i)), (i, j)), shape=(len(centres), len(points)))
+    indices = (i.astype(np.int32), j.astype(np.int32))
+    return csr_array((np.ones(len(i)), indices), shape=(len(centres), len(points)))
 
 
 def neighbourhood_means(

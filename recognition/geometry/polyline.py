@@ -9,6 +9,14 @@ DISTURBED_WEIGHT = 0.25
 """Weight of points within `DISTURBED_RADII` in the fit of the parabola. Other points have the weight 1."""
 MIN_BENT_RADII = 3.0
 """Minimum length of a line for the fit of a bend, in radii."""
+MIN_BENT_POINTS = 5
+"""Minimum number of points of a line for the fit of a bend."""
+MIN_STEPS = 2
+"""Minimum number of steps of a resampled polyline."""
+ROUNDING_STEPS = 1e-9
+"""Excess over a whole number of steps that is due to rounding and adds no step."""
+MIN_LENGTH = 1e-12
+"""Lower limit of the length by which a vector is divided. It keeps zero vectors zero."""
 
 
 def arc_length(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,17 +54,20 @@ def resample(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
 def resampled_lengths(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     """Return the arc lengths (M,) of the points that `resample` returns, metres."""
     length = float(arc_length(points)[-1])
-    return np.linspace(0.0, length, max(int(np.ceil(length / step - 1e-9)), 2) + 1)
+    n_steps = max(int(np.ceil(length / step - ROUNDING_STEPS)), MIN_STEPS)
+    return np.linspace(0.0, length, n_steps + 1)
 
 
 def close_polyline(points: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:
     """Return `points` (N, D), with the first point appended if the polyline is closed."""
-    return np.vstack([points, points[:1]]) if closed else points
+    if not closed:
+        return points
+    return np.vstack([points, points[:1]])
 
 
 def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Normalise the vectors (..., D). A zero vector stays zero."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), MIN_LENGTH)
 
 
 def angles_between(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -75,8 +86,9 @@ def end_direction(points: NDArray[np.float64], length: float) -> NDArray[np.floa
         Unit vector (D,) pointing out of the polyline; zero if all points coincide.
     """
     is_far = np.linalg.norm(points - points[0], axis=1) > length
-    offset = points[0] - points[np.argmax(is_far) if is_far.any() else -1]
-    return offset / max(float(np.linalg.norm(offset)), 1e-12)
+    inner = np.argmax(is_far) if is_far.any() else -1
+    offset = points[0] - points[inner]
+    return offset / max(float(np.linalg.norm(offset)), MIN_LENGTH)
 
 
 def fit_end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDArray[np.float64]:
@@ -94,9 +106,12 @@ def fit_end_parabola(line: NDArray[np.float64], length: float, r: float) -> NDAr
     """
     s = arc_length(line)
     n = max(int(np.searchsorted(s, length)) + 1, 2)
-    s, points = s[:n], line[:n]
-    weight = np.where((s < DISTURBED_RADII * r) & (len(s) > 4), DISTURBED_WEIGHT, 1.0)
-    degree = 2 if len(s) > 4 and s[-1] > MIN_BENT_RADII * r else 1
+    s = s[:n]
+    points = line[:n]
+    has_points = len(s) >= MIN_BENT_POINTS
+    weight = np.where((s < DISTURBED_RADII * r) & has_points, DISTURBED_WEIGHT, 1.0)
+    degree = 2 if has_points and s[-1] > MIN_BENT_RADII * r else 1
+    powers = np.vander(s, degree + 1, increasing=True)
     # If all points coincide, the parabola stays at this point.
-    terms, *_ = np.linalg.lstsq(weight[:, None] * np.vander(s, degree + 1, increasing=True), weight[:, None] * points)
+    terms, *_ = np.linalg.lstsq(weight[:, None] * powers, weight[:, None] * points)
     return np.vstack([terms, np.zeros((2 - degree, 3))]).astype(np.float64)

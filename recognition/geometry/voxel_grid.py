@@ -58,7 +58,8 @@ def voxel_means(
     Returns:
         Mean points (M, 3), metres, and mean values (M, K), for the M voxels that have points.
     """
-    values = np.empty((len(points), 0)) if values is None else values
+    if values is None:
+        values = np.empty((len(points), 0))
     voxel, count = voxel_indices(points, size)
     stacked = group_sums(voxel, np.hstack([points, values]), len(count)) / count[:, None]
     return stacked[:, :3], stacked[:, 3:]
