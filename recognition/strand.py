@@ -39,6 +39,25 @@ class End:
     """(3,) unit vector pointing out of the strand; zero for a strand of one point."""
 
 
+@dataclass(frozen=True)
+class _Leg:
+    """One strand of a path of joined strands, and the direction in which the path passes it."""
+
+    strand: int
+    """Index of the strand."""
+    is_reversed: bool
+    """True if the path passes the strand from the last to the first point."""
+
+    @staticmethod
+    def leaving_at(end: End) -> "_Leg":
+        """Return the leg that leaves its strand at `end`."""
+        return _Leg(end.strand, is_reversed=end.at_start)
+
+    def reverse(self) -> "_Leg":
+        """Return the leg in the other direction."""
+        return _Leg(self.strand, not self.is_reversed)
+
+
 def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[End]:
     """Return both ends of every open strand, first point before last point.
 
@@ -50,11 +69,18 @@ def strand_ends(strands: Sequence[Strand], parameters: ChainParameters) -> list[
             continue
         for at_start in (True, False):
             points = strand.points if at_start else strand.points[::-1]
-            inner = min(int(np.searchsorted(arc_length(points), parameters.r_f)), len(points) - 1)
-            offset = points[0] - points[inner]
-            norm = float(np.linalg.norm(offset))
-            ends.append(End(index, at_start, points[0], offset / norm if norm > 0 else np.zeros(3)))
+            ends.append(End(index, at_start, points[0], _outward_direction(points, parameters.r_f)))
     return ends
+
+
+def _outward_direction(points: Points, length: float) -> Points:
+    """Return the unit vector (3,) out of a line at its first point, over a length; zero for coinciding points."""
+    inner = min(int(np.searchsorted(arc_length(points), length)), len(points) - 1)
+    offset = points[0] - points[inner]
+    norm = float(np.linalg.norm(offset))
+    if norm > 0:
+        return offset / norm
+    return np.zeros(3)
 
 
 def join_strands(
@@ -72,41 +98,36 @@ def join_strands(
         pairs: Pairs of indices into `ends`. Each end is in at most one pair. A pair of both ends of one strand closes
             the strand.
         parameters: Method parameters; uses the bridge spacing r_n and the end length r_f.
-        bridges: (N, 3) points between the two ends of some pairs, from the first to the second end of the pair. Other
-            pairs are joined by `bridge_gap`.
+        bridges: (N, 3) points between the two ends of some of `pairs`, from the first to the second end of the pair.
+            Other pairs are joined by `bridge_gap`.
 
     Returns:
         The joined strands, in the order of their first members in `strands`.
     """
-    partner = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
-    end_index = {(end.strand, end.at_start): number for number, end in enumerate(ends)}
-    given: dict[tuple[int, int], Points] = {}
-    for (a, b), points in (bridges or {}).items():
-        given |= {(a, b): points, (b, a): points[::-1]}
+    # A pair is passed in both directions.
+    following: dict[_Leg, _Leg] = {}
+    given: dict[_Leg, Points] = {}
+    for a, b in pairs:
+        leg_a = _Leg.leaving_at(ends[a])
+        leg_b = _Leg.leaving_at(ends[b])
+        following[leg_a] = leg_b.reverse()
+        following[leg_b] = leg_a.reverse()
+        if bridges and (a, b) in bridges:
+            given[leg_a] = bridges[a, b]
+            given[leg_b] = bridges[a, b][::-1]
+
     done: set[int] = set()
     joined = []
-
-    def walk(strand: int, leave_at_start: bool) -> tuple[list[tuple[int, bool]], bool]:
-        """Return the path from one end, as (strand, leaves at start) per strand, and whether the path is closed."""
-        path = [(strand, leave_at_start)]
-        while (following := partner.get(end_index.get((strand, leave_at_start), -1))) is not None:
-            strand, leave_at_start = ends[following].strand, not ends[following].at_start
-            if strand == path[0][0]:
-                return path, True
-            path.append((strand, leave_at_start))
-        return path, False
-
     for first in range(len(strands)):
         if first in done:
             continue
-        backwards, closed = walk(first, True)
-        # Start from the far end, because the walk must pass every strand once.
-        start, left_at_start = backwards[-1]
-        path, closed = (backwards, True) if closed else walk(start, not left_at_start)
-        done |= {strand for strand, _ in path}
-        leaving = [end_index.get((i, reverse), -1) for i, reverse in path]
-        between = [given.get((end, partner.get(end, -1))) for end in leaving]
-        joined.append(_concatenate([(strands[i], reverse) for i, reverse in path], between, closed, parameters))
+        path, closed = _walk(_Leg(first, is_reversed=True), following)
+        if not closed:
+            # Start again from the far end, because the path must pass every strand once.
+            path, closed = _walk(path[-1].reverse(), following)
+        done.update(leg.strand for leg in path)
+        oriented = [_orient(strands[leg.strand], leg.is_reversed) for leg in path]
+        joined.append(_concatenate(oriented, [given.get(leg) for leg in path], closed, parameters))
     return joined
 
 
@@ -132,25 +153,51 @@ def bridge_gap(a: End, b: End, spacing: float) -> Points:
     return curve(np.arange(1, inner + 1) / (inner + 1)).reshape(-1, 3)
 
 
+def _walk(first: _Leg, following: Mapping[_Leg, _Leg]) -> tuple[list[_Leg], bool]:
+    """Return the path that begins with a leg, and whether it leads back to the strand of this leg."""
+    path = [first]
+    while path[-1] in following:
+        leg = following[path[-1]]
+        if leg.strand == first.strand:
+            return path, True
+        path.append(leg)
+    return path, False
+
+
+def _orient(strand: Strand, is_reversed: bool) -> Strand:
+    if not is_reversed:
+        return strand
+    return Strand(strand.points[::-1], strand.bridged[::-1], strand.closed)
+
+
+def _bridge_between(previous: Strand, following: Strand, parameters: ChainParameters) -> Points:
+    """Return the bridge (N, 3) from the last point of a strand to the first point of the following one."""
+    _, leaving = strand_ends([previous], parameters)
+    arriving, _ = strand_ends([following], parameters)
+    return bridge_gap(leaving, arriving, parameters.r_n)
+
+
 def _concatenate(
-    path: list[tuple[Strand, bool]], bridges: list[Points | None], closed: bool, parameters: ChainParameters
+    strands: list[Strand], bridges: list[Points | None], closed: bool, parameters: ChainParameters
 ) -> Strand:
-    """Concatenate the strands of `path`, pairs (strand, is reversed), with a bridge in every gap.
+    """Concatenate strands in order, with a bridge in every gap.
 
     `bridges` are the given bridges after each strand, None for one that `bridge_gap` makes.
     """
-    oriented = [Strand(s.points[::-1], s.bridged[::-1], s.closed) if reverse else s for s, reverse in path]
-    if len(oriented) == 1 and not closed:
-        return oriented[0]
-    points, bridged = [oriented[0].points], [oriented[0].bridged]
-    followers = oriented[1:] + oriented[:1] if closed else oriented[1:]
-    for previous, following, given in zip(oriented, followers, bridges, strict=False):
-        leaving = strand_ends([previous], parameters)[1]
-        arriving = strand_ends([following], parameters)[0]
-        bridge = bridge_gap(leaving, arriving, parameters.r_n) if given is None else given
+    first = strands[0]
+    if len(strands) == 1 and not closed:
+        return first
+    followers = strands[1:]
+    if closed:
+        followers.append(first)
+    points = [first.points]
+    bridged = [first.bridged]
+    # The last strand of an open path has no follower.
+    for previous, following, given in zip(strands, followers, bridges, strict=False):
+        bridge = _bridge_between(previous, following, parameters) if given is None else given
         points.append(bridge)
         bridged.append(np.ones(len(bridge), dtype=bool))
-        if following is not oriented[0]:
+        if following is not first:
             points.append(following.points)
             bridged.append(following.bridged)
     return Strand(np.vstack(points), np.concatenate(bridged), closed)
