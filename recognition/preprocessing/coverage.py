@@ -27,6 +27,10 @@ MIN_REPORTED_SHARE = 0.02
 of the poses and the size of the squares."""
 RECTANGLE_STEPS = 20
 """Number of steps along x and along y in the search for the largest covered rectangle."""
+ROUNDING_SQUARES = 1e-9
+"""Excess over a whole number of squares that is due to rounding and adds no square."""
+CM2_PER_M2 = 1e4
+"""Square centimetres per square metre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,21 @@ class Coverage:
         return float(self.is_covered.mean())
 
 
+@dataclass(frozen=True)
+class _Rectangle:
+    """Rectangle of squares of the table."""
+
+    rows: tuple[int, int]
+    """Start and stop index along x."""
+    columns: tuple[int, int]
+    """Start and stop index along y."""
+
+    @property
+    def n_squares(self) -> int:
+        """Number of squares."""
+        return int(np.ptp(self.rows) * np.ptp(self.columns))
+
+
 def table_coverage(
     frustums: Iterable[CameraFrustum], x_m: Interval, y_m: Interval, table_z_m: float, n_views: int = MIN_VIEWS
 ) -> Coverage:
@@ -85,15 +104,11 @@ def table_coverage(
     Returns:
         The coverage of the table in the workspace.
     """
-    x, y = _square_centres(x_m), _square_centres(y_m)
+    x = _square_centres(x_m)
+    y = _square_centres(y_m)
     view_count = np.zeros((len(x), len(y)), dtype=np.int64)
     for frustum in frustums:
-        # A homography maps the table plane to the image. Each homogeneous coordinate is a term in x plus a term in y.
-        R, t = frustum.T_base_camera[:3, :3], frustum.T_base_camera[:3, 3]
-        H = frustum.K @ R.T @ np.column_stack([np.eye(3, 2), np.array([0.0, 0.0, table_z_m]) - t])
-        H_x, H_y, H_1 = H.T
-        u, v, w = (np.add.outer(H_x[k] * x + H_1[k], H_y[k] * y) for k in range(3))
-        view_count += (w > 0) & (u >= 0) & (u <= (frustum.width - 1) * w) & (v >= 0) & (v <= (frustum.height - 1) * w)
+        view_count += _is_shown(frustum, x, y, table_z_m)
     return Coverage(x_m, y_m, view_count, min(n_views, MIN_VIEWS))
 
 
@@ -109,7 +124,7 @@ def coverage_message(coverage: Coverage) -> str | None:
     share = float((~coverage.is_covered).mean())
     if share <= MIN_REPORTED_SHARE:
         return None
-    area_cm2 = 1e4 * share * (coverage.x_m[1] - coverage.x_m[0]) * (coverage.y_m[1] - coverage.y_m[0])
+    area_cm2 = CM2_PER_M2 * share * _length(coverage.x_m) * _length(coverage.y_m)
     seen_in = "no view" if coverage.min_views == 1 else f"fewer than {coverage.min_views} views"
     return (
         f"{100 * share:.0f} % of the table in the workspace ({area_cm2:.0f} cm2) is in {seen_in}, "
@@ -132,7 +147,8 @@ def coverage_findings(targets: Iterable[TargetCloud], used: Collection[int], sce
     """
     if scene.workspace_m is None:
         return []
-    targets, frustums = list(targets), []
+    targets = list(targets)
+    frustums = []
     for target in targets:
         saw_only_table = target.n_in_workspace >= MIN_POINTS > len(target.points)
         if target.image is not None and (target.view in used or saw_only_table):
@@ -146,13 +162,33 @@ def coverage_findings(targets: Iterable[TargetCloud], used: Collection[int], sce
     return [finding("table-not-covered", message, value=1 - coverage.covered_share, limit=MIN_REPORTED_SHARE)]
 
 
+def _is_shown(
+    frustum: CameraFrustum, x: NDArray[np.float64], y: NDArray[np.float64], table_z_m: float
+) -> NDArray[np.bool_]:
+    """Return the mask (M, N) of the points of the table at x (M,) and y (N,) that project into the image."""
+    R = frustum.T_base_camera[:3, :3]
+    t = frustum.T_base_camera[:3, 3]
+    # A homography maps the table plane to the image. Each homogeneous coordinate is a term in x plus a term in y.
+    H = frustum.K @ R.T @ np.column_stack([np.eye(3, 2), np.array([0.0, 0.0, table_z_m]) - t])
+    H_x, H_y, H_1 = H.T
+    u, v, w = (np.add.outer(H_x[k] * x + H_1[k], H_y[k] * y) for k in range(3))
+    is_in_columns = (u >= 0) & (u <= (frustum.width - 1) * w)
+    is_in_rows = (v >= 0) & (v <= (frustum.height - 1) * w)
+    return (w > 0) & is_in_columns & is_in_rows
+
+
+def _length(extent_m: Interval) -> float:
+    low, high = extent_m
+    return high - low
+
+
 def _square_centres(extent_m: Interval) -> NDArray[np.float64]:
     edges = np.linspace(*extent_m, _square_count(extent_m) + 1)
     return (edges[:-1] + edges[1:]) / 2
 
 
 def _square_count(extent_m: Interval) -> int:
-    return int(np.clip(np.ceil((extent_m[1] - extent_m[0]) / MAX_SQUARE_M - 1e-9), 1, MAX_SQUARES))
+    return int(np.clip(np.ceil(_length(extent_m) / MAX_SQUARE_M - ROUNDING_SQUARES), 1, MAX_SQUARES))
 
 
 def _describe_extent(coverage: Coverage) -> str:
@@ -161,27 +197,29 @@ def _describe_extent(coverage: Coverage) -> str:
     if not is_covered.any():
         return "this part is the whole table in the workspace"
     rows, columns = np.nonzero(~is_covered)
-    box = (int(rows.min()), int(rows.max()) + 1), (int(columns.min()), int(columns.max()) + 1)
-    if np.ptp(box[0]) * np.ptp(box[1]) <= is_covered.size / 2:
-        return f"this part lies within {_format_box(coverage, *box)}"
-    rectangle = _largest_covered_rectangle(is_covered)
-    if rectangle is None:
+    box = _Rectangle(rows=(int(rows.min()), int(rows.max()) + 1), columns=(int(columns.min()), int(columns.max()) + 1))
+    if box.n_squares <= is_covered.size / 2:
+        return f"this part lies within {_format_rectangle(coverage, box)}"
+    largest = _largest_covered_rectangle(is_covered)
+    if largest is None:
         return "this part is scattered over the table"
-    return f"the largest covered rectangle is {_format_box(coverage, *rectangle)}"
+    return f"the largest covered rectangle is {_format_rectangle(coverage, largest)}"
 
 
-def _largest_covered_rectangle(is_covered: NDArray[np.bool_]) -> tuple[tuple[int, int], tuple[int, int]] | None:
-    """Return the (start, stop) indices along x and y of the largest covered rectangle, in coarse steps, or None."""
+def _largest_covered_rectangle(is_covered: NDArray[np.bool_]) -> _Rectangle | None:
+    """Return the largest covered rectangle, in coarse steps, or None."""
     # Summed-area table: the sum over a rectangle needs four entries of the table.
     sums = np.zeros((is_covered.shape[0] + 1, is_covered.shape[1] + 1), dtype=np.int64)
     sums[1:, 1:] = is_covered.cumsum(axis=0).cumsum(axis=1)
-    (x0, x1), (y0, y1) = (_intervals(size) for size in is_covered.shape)
+    n_rows, n_columns = is_covered.shape
+    x0, x1 = _intervals(n_rows)
+    y0, y1 = _intervals(n_columns)
     covered = sums[np.ix_(x1, y1)] - sums[np.ix_(x0, y1)] - sums[np.ix_(x1, y0)] + sums[np.ix_(x0, y0)]
     area = np.outer(x1 - x0, y1 - y0)
     i, j = np.unravel_index((area * (covered == area)).argmax(), area.shape)
     if covered[i, j] < area[i, j]:
         return None
-    return (int(x0[i]), int(x1[i])), (int(y0[j]), int(y1[j]))
+    return _Rectangle(rows=(int(x0[i]), int(x1[i])), columns=(int(y0[j]), int(y1[j])))
 
 
 def _intervals(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -191,12 +229,15 @@ def _intervals(size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return steps[first], steps[last]
 
 
-def _format_box(coverage: Coverage, rows: tuple[int, int], columns: tuple[int, int]) -> str:
-    parts = []
-    for name, (low, high), count, ends in (
-        ("x", coverage.x_m, coverage.view_count.shape[0], rows),
-        ("y", coverage.y_m, coverage.view_count.shape[1], columns),
-    ):
-        a, b = (low + end / count * (high - low) for end in ends)
-        parts.append(f"{name} {a:.2f} to {b:.2f} m")
-    return ", ".join(parts)
+def _format_rectangle(coverage: Coverage, rectangle: _Rectangle) -> str:
+    n_rows, n_columns = coverage.view_count.shape
+    x = _format_interval(coverage.x_m, n_rows, rectangle.rows)
+    y = _format_interval(coverage.y_m, n_columns, rectangle.columns)
+    return f"x {x}, y {y}"
+
+
+def _format_interval(extent_m: Interval, count: int, indices: tuple[int, int]) -> str:
+    """Return the metres from the start to the stop index of an interval of the `count` squares along an extent."""
+    low, high = extent_m
+    start, stop = (low + index / count * (high - low) for index in indices)
+    return f"{start:.2f} to {stop:.2f} m"

@@ -9,17 +9,19 @@ registration remove most of their effect.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
+from recognition.preprocessing.plane_fit import median_sigma
 from recognition.preprocessing.table_measurement import ViewPlane, pixels_near_table
 from recognition.preprocessing.target_cloud import DepthView, Scene
 
 DEGREE = 5
 """Maximum degree of the polynomials of the warp. It describes three half periods across the image."""
-TERMS = tuple((i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j >= 2)
+TERMS = tuple((i, j) for i, j in product(range(DEGREE + 1), repeat=2) if 2 <= i + j <= DEGREE)
 """Degrees of the polynomials along the rows and along the columns of the image."""
 SAMPLE_SIZE = 1500
 """Approximate number of pixels per view after even subsampling. Their errors are nearly independent."""
@@ -33,6 +35,16 @@ INLIER_SIGMAS = 3.0
 """Maximum deviation of the inverse depth from the model, in sigmas. Pixels at edges of flat objects deviate more."""
 N_PASSES = 4
 """Number of passes of the fit, each with the inliers of the one before."""
+FIRST_SIGMA_PER_M = 1e-3
+"""Standard deviation of the inverse depths in the first pass, 1/m. Later passes measure it."""
+MIN_SIGMA_PER_M = 1e-6
+"""Minimum standard deviation of the inverse depths, 1/m."""
+MIN_SQUARES = 1e-12
+"""Lower limit of the sum of the squared derivatives by the height of a cell. It keeps the division finite."""
+MIN_SINGULAR_SHARE = 1e-9
+"""Share of the largest singular value of the equations of the planes below which a singular value counts as zero."""
+N_SCALE_PASSES = 3
+"""Number of passes that estimate how much the views contradict each other."""
 MIN_ABOVE_M = 0.05
 """Minimum height of the camera above the table in the derivatives, metres."""
 MIN_PIXELS = 300
@@ -121,11 +133,13 @@ def sample_table(view: DepthView, plane: ViewPlane, scene: Scene) -> TableSample
     near = np.abs(height_m) < NEAR_M
     if near.sum() < MIN_PIXELS:
         return None
-    rows, columns, points = rows[near], columns[near], points[near]
+    rows = rows[near]
+    columns = columns[near]
+    points = points[near]
     depth_m = view.depth[rows, columns] * view.depth_unit_m
-    by_row, by_column = (
-        legvander(_across(x, n), DEGREE) for x, n in zip((rows, columns), view.depth.shape, strict=True)
-    )
+    image_height, image_width = view.depth.shape
+    by_row = legvander(_across(rows, image_height), DEGREE)
+    by_column = legvander(_across(columns, image_width), DEGREE)
     terms = np.column_stack([by_row[:, i] * by_column[:, j] for i, j in TERMS])
     by_depth = depth_m[:, None] ** 2 * terms
     # Of the plane, because derivatives with the noise of the depths would explain this noise.
@@ -155,37 +169,17 @@ def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     if len(views) < MIN_VIEWS:
         return None
     views = views[:MAX_VIEWS]
-    count, n_planes = len(TERMS), 3 * len(views)
-    y = np.concatenate([view.inverse_depth for view in views])
-    view_of_pixel = np.repeat(np.arange(len(views)), [len(view.inverse_depth) for view in views])
-    A = np.zeros((len(y), n_planes + count))
-    for k, view in enumerate(views):
-        A[view_of_pixel == k, 3 * k : 3 * k + 3] = view.linear
-    A[:, n_planes:] = np.vstack([view.terms for view in views])
-    by_height = np.concatenate([view.by_height for view in views])
-    _, cell = np.unique(np.concatenate([view.cell for view in views]), return_inverse=True)
-    prior, used, sigma = np.eye(count) / PRIOR_PER_M**2, np.ones(len(y), dtype=bool), 1e-3
-    columns = np.column_stack([A, y])
-    terms, deviation = _without_table(columns, by_height, cell, n_planes)
-    for _ in range(N_PASSES):
-        residual = deviation - terms @ np.linalg.solve(terms.T @ terms + sigma**2 * prior, terms.T @ deviation)
-        sigma = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
-        used[used] = np.abs(residual) < INLIER_SIGMAS * sigma
-        terms, deviation = _without_table(columns[used], by_height[used], cell[used], n_planes)
-    rows = [view_of_pixel[used] == k for k in range(len(views))]
-    H = np.array([terms[row].T @ terms[row] for row in rows]) / sigma**2
-    g = np.array([terms[row].T @ deviation[row] for row in rows]) / sigma**2
-    warp, scale, squares = np.zeros(count), 1.0, np.zeros(len(views))
-    for _ in range(3):
-        warp = np.linalg.solve(prior + H.sum(axis=0) / scale, g.sum(axis=0) / scale)
-        contradiction = g - H @ warp
-        squares = np.vecdot(contradiction, np.linalg.solve(H + prior, contradiction[..., None])[..., 0])
-        scale = max(float(squares.sum()) / (count * (len(views) - 1)), 1.0)
-    explained = float(warp @ H.sum(axis=0) @ warp)
-    is_chance = explained / scale < count + MAX_CHANCE_SIGMAS * np.sqrt(2 * count)
-    is_contradicted = float(squares.sum()) > explained
-    rms_m = _rms_on_table(warp, views)
-    return None if is_chance or is_contradicted or rms_m < MIN_WARP_M else DepthWarp(warp, rms_m)
+    H, g = _normal_equations(_stack_equations(views), len(views))
+    fit = _combine_views(H, g)
+    explained = float(fit.coefficients @ H.sum(axis=0) @ fit.coefficients)
+    # By chance, it is a chi-square of as many degrees of freedom as terms.
+    count = len(TERMS)
+    is_chance = explained / fit.scale < count + MAX_CHANCE_SIGMAS * np.sqrt(2 * count)
+    is_contradicted = fit.contradiction > explained
+    rms_m = _rms_on_table(fit.coefficients, views)
+    if is_chance or is_contradicted or rms_m < MIN_WARP_M:
+        return None
+    return DepthWarp(fit.coefficients, rms_m)
 
 
 def is_similar(a: DepthWarp | None, b: DepthWarp | None, views: Sequence[TableSample]) -> bool:
@@ -205,8 +199,12 @@ def correct(view: DepthView, warp: DepthWarp) -> CorrectedView:
     depth_m = view.depth * view.depth_unit_m
     error = depth_m * warp.inverse_depth_error((view.depth.shape[0], view.depth.shape[1]))
     depth_m /= np.clip(1 - error, MIN_DEPTH_FACTOR, 1 / MIN_DEPTH_FACTOR)
-    unit_m = min(view.depth_unit_m, float(depth_m.max(initial=0.0)) / np.iinfo(np.uint16).max or view.depth_unit_m)
-    counts = np.clip(np.rint(depth_m / unit_m), 0, np.iinfo(np.uint16).max)
+    max_count = np.iinfo(np.uint16).max
+    unit_m = view.depth_unit_m
+    largest_m = float(depth_m.max(initial=0.0))
+    if largest_m > 0:
+        unit_m = min(unit_m, largest_m / max_count)
+    counts = np.clip(np.rint(depth_m / unit_m), 0, max_count)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
 
 
@@ -215,24 +213,107 @@ def _rms_on_table(coefficients: NDArray[np.float64], views: Sequence[TableSample
     return float(np.sqrt(np.mean([coefficients @ view.depth_moments @ coefficients for view in views])))
 
 
-def _without_table(
-    columns: NDArray[np.float64], by_height: NDArray[np.float64], cell: NDArray[np.int64], n_planes: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the terms (N, J) and the values (N,) without what relief and planes of the table explain.
+@dataclass(frozen=True, eq=False)
+class _PixelEquations:
+    """Equations of the pixels of all views. Planes, relief and warp together cause the inverse depths."""
 
-    Args:
-        columns: (N, n_planes + J + 1) derivatives by the planes of the views, the terms, and the values.
-        by_height: (N,) derivatives of the values by the heights of the cells.
-        cell: (N,) numbers of the cells.
-        n_planes: Number of columns of the planes.
-    """
-    squares = np.bincount(cell, by_height**2)
-    sums = np.stack([np.bincount(cell, by_height * column) for column in columns.T], axis=1)
-    columns = columns - by_height[:, None] * (sums / np.maximum(squares, 1e-12)[:, None])[cell]
-    planes, rest = columns[:, :n_planes], columns[:, n_planes:]
-    # The heights of the cells contain the mean of all planes, so the equations of the planes may be singular.
-    rest = rest - planes @ np.linalg.lstsq(planes.T @ planes, planes.T @ rest, rcond=1e-9)[0]
-    return rest[:, :-1], rest[:, -1]
+    columns: NDArray[np.float64]
+    """(N, n_planes + J + 1) derivatives by the planes of the views, derivatives by the coefficients of the warp, and
+    inverse depths, 1/m."""
+    n_planes: int
+    """Number of columns of the planes."""
+    by_height: NDArray[np.float64]
+    """(N,) derivatives by the heights of the cells, 1/m^2."""
+    cell: NDArray[np.int64]
+    """(N,) index of the cell of the table."""
+    view: NDArray[np.int64]
+    """(N,) index of the view."""
+
+    def select(self, mask: NDArray[np.bool_]) -> "_PixelEquations":
+        """Return the equations of the pixels in a mask (N,)."""
+        return _PixelEquations(
+            self.columns[mask], self.n_planes, self.by_height[mask], self.cell[mask], self.view[mask]
+        )
+
+    def without_table(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the terms (N, J) and the inverse depths (N,) without what relief and planes of the table explain."""
+        squares = np.bincount(self.cell, self.by_height**2)
+        sums = np.stack([np.bincount(self.cell, self.by_height * column) for column in self.columns.T], axis=1)
+        heights = sums / np.maximum(squares, MIN_SQUARES)[:, None]
+        columns = self.columns - self.by_height[:, None] * heights[self.cell]
+        planes = columns[:, : self.n_planes]
+        rest = columns[:, self.n_planes :]
+        # The heights of the cells contain the mean of all planes, so the equations of the planes may be singular.
+        rest = rest - planes @ np.linalg.lstsq(planes.T @ planes, planes.T @ rest, rcond=MIN_SINGULAR_SHARE)[0]
+        return rest[:, :-1], rest[:, -1]
+
+
+@dataclass(frozen=True, eq=False)
+class _CombinedWarp:
+    """Warp that all views together show."""
+
+    coefficients: NDArray[np.float64]
+    """(J,) coefficients of the polynomials `TERMS`, 1/m."""
+    scale: float
+    """Factor of its covariance, at least 1: how much more the views contradict each other than the noise explains."""
+    contradiction: float
+    """Sum over the views of the squared differences to the common warp, in sigmas."""
+
+
+def _stack_equations(views: Sequence[TableSample]) -> _PixelEquations:
+    """Return the equations of the pixels of all views."""
+    n_planes = 3 * len(views)
+    view_of_pixel = np.repeat(np.arange(len(views)), [len(view.inverse_depth) for view in views])
+    planes = np.zeros((len(view_of_pixel), n_planes))
+    for k, view in enumerate(views):
+        planes[view_of_pixel == k, 3 * k : 3 * k + 3] = view.linear
+    terms = np.vstack([view.terms for view in views])
+    inverse_depth = np.concatenate([view.inverse_depth for view in views])
+    _, cell = np.unique(np.concatenate([view.cell for view in views]), return_inverse=True)
+    return _PixelEquations(
+        columns=np.column_stack([planes, terms, inverse_depth]),
+        n_planes=n_planes,
+        by_height=np.concatenate([view.by_height for view in views]),
+        cell=cell,
+        view=view_of_pixel,
+    )
+
+
+def _normal_equations(pixels: _PixelEquations, n_views: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the information matrix (V, J, J) and vector (V, J) of the warp in each view, from the inliers."""
+    sigma = FIRST_SIGMA_PER_M
+    terms, deviation = pixels.without_table()
+    for _ in range(N_PASSES):
+        warp = np.linalg.solve(terms.T @ terms + sigma**2 * _prior_information(), terms.T @ deviation)
+        residual = deviation - terms @ warp
+        sigma = max(median_sigma(residual), MIN_SIGMA_PER_M)
+        pixels = pixels.select(np.abs(residual) < INLIER_SIGMAS * sigma)
+        terms, deviation = pixels.without_table()
+    rows = [pixels.view == k for k in range(n_views)]
+    H = np.array([terms[row].T @ terms[row] for row in rows]) / sigma**2
+    g = np.array([terms[row].T @ deviation[row] for row in rows]) / sigma**2
+    return H, g
+
+
+def _combine_views(H: NDArray[np.float64], g: NDArray[np.float64]) -> _CombinedWarp:
+    """Return the warp from the information matrices (V, J, J) and vectors (V, J) of the views."""
+    n_views, count = g.shape
+    prior = _prior_information()
+    warp = np.zeros(count)
+    scale = 1.0
+    contradiction = 0.0
+    for _ in range(N_SCALE_PASSES):
+        warp = np.linalg.solve(prior + H.sum(axis=0) / scale, g.sum(axis=0) / scale)
+        difference = g - H @ warp
+        squares = np.vecdot(difference, np.linalg.solve(H + prior, difference[..., None])[..., 0])
+        contradiction = float(squares.sum())
+        scale = max(contradiction / (count * (n_views - 1)), 1.0)
+    return _CombinedWarp(warp, scale, contradiction)
+
+
+def _prior_information() -> NDArray[np.float64]:
+    """Return the prior information matrix (J, J) of the coefficients of the warp."""
+    return np.eye(len(TERMS)) / PRIOR_PER_M**2
 
 
 def _across(pixels: NDArray[np.intp], count: int) -> NDArray[np.float64]:

@@ -16,13 +16,6 @@ pixel. On simulated scans, the filter halves the mean outward bias of the surfac
 """
 NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1))
 """Offsets (rows, columns) of the eight neighbours, around the pixel."""
-BEHIND_NEIGHBOURS = tuple(
-    ((2 * down, 2 * right), (down, 2 * right), (2 * down, right))
-    if down and right
-    else ((2 * down, 2 * right), (2 * down + right, 2 * right + down), (2 * down - right, 2 * right - down))
-    for down, right in NEIGHBOURS
-)
-"""Offsets of the three pixels behind each neighbour, seen from the pixel."""
 MIN_SPECKLED_SHARE = 0.1
 """Minimum number of pixels with scattered losses around them, relative to the pixels with enough neighbours. With
 fewer, losses are rare in the image, and an unmeasured neighbour is probably the shadow of an edge.
@@ -33,6 +26,18 @@ THIN_PX = 4.0
 """Width of a string in the image, pixels, below which `MIN_NEIGHBOURS_THIN` is used."""
 MIN_NEIGHBOURS_THIN = 2
 """Minimum number of neighbours for a thin string: the pixels before and after along the string."""
+
+
+def _pixels_behind(down: int, right: int) -> tuple[tuple[int, int], ...]:
+    """Return the offsets of the three pixels behind a neighbour, seen from the pixel."""
+    behind = (2 * down, 2 * right)
+    if down and right:
+        return behind, (down, 2 * right), (2 * down, right)
+    return behind, (2 * down + right, 2 * right + down), (2 * down - right, 2 * right - down)
+
+
+BEHIND_NEIGHBOURS = tuple(_pixels_behind(down, right) for down, right in NEIGHBOURS)
+"""Offsets of the three pixels behind each neighbour."""
 
 
 class DepthImage(Protocol):
@@ -82,7 +87,8 @@ def is_on_surface(
     min_neighbours = np.where(string_width_px < THIN_PX, MIN_NEIGHBOURS_THIN, MIN_NEIGHBOURS)
     is_kept = n_neighbours >= min_neighbours
     is_uniform = (is_same | (around <= 0)).all(axis=0)
-    candidates = np.flatnonzero(~is_kept & is_uniform & (n_neighbours + (around == 0).sum(axis=0) >= min_neighbours))
+    n_lost = (around == 0).sum(axis=0)
+    candidates = np.flatnonzero(~is_kept & is_uniform & (n_neighbours + n_lost >= min_neighbours))
     n_needed = min_neighbours[candidates] - n_neighbours[candidates]
     is_speckled = _is_speckled(
         image.depth, rows[candidates], columns[candidates], max_step, is_same[:, candidates], n_needed
@@ -123,7 +129,8 @@ def _depths_at(
     height, width = image.shape
     depths = np.empty((len(offsets), len(rows)), dtype=np.int32)
     for k, (down, right) in enumerate(offsets):
-        v, u = rows + down, columns + right
+        v = rows + down
+        u = columns + right
         is_in_image = (v >= 0) & (v < height) & (u >= 0) & (u < width)
         depths[k] = np.where(is_in_image, image[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)], -1)
     return depths

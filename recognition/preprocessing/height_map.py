@@ -59,7 +59,9 @@ class HeightMap:
     def extent_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """((x0, x1), (y0, y1)) of the map, metres, base frame."""
         rows, columns = self.z_m.shape
-        return (self.x_m, self.x_m + rows * self.cell_m), (self.y_m, self.y_m + columns * self.cell_m)
+        x_end = self.x_m + rows * self.cell_m
+        y_end = self.y_m + columns * self.cell_m
+        return (self.x_m, x_end), (self.y_m, y_end)
 
     def cell_centres(self) -> NDArray[np.float64]:
         """Return the centres (M, N, 2) of the cells, metres, base frame."""
@@ -80,11 +82,12 @@ class HeightMap:
         i, j = np.nonzero(np.nan_to_num(self.z_m, nan=-np.inf) > min_z_m)
         z = self.z_m[i, j].astype(np.float64)
         order = np.argsort(-z, kind="stable")
-        i, j, z = i[order], j[order], z[order]
+        cells = np.column_stack([i, j])[order]
+        z = z[order]
+        # The first cell of each block is its highest one.
         per_block = max(1, round(block_m / self.cell_m))
-        _, first = np.unique(np.column_stack([i, j]) // per_block, axis=0, return_index=True)
-        cells = np.column_stack([i[first], j[first]]) + 0.5
-        xy = cells * self.cell_m + (self.x_m, self.y_m)
+        _, first = np.unique(cells // per_block, axis=0, return_index=True)
+        xy = (cells[first] + 0.5) * self.cell_m + (self.x_m, self.y_m)
         return np.column_stack([xy, z[first]]).astype(np.float64)
 
     def floor_beside(self, points: NDArray[np.float64], inner_m: float) -> NDArray[np.float64]:
@@ -104,7 +107,8 @@ class HeightMap:
         steps = np.arange(-np.ceil(outer / self.cell_m), np.ceil(outer / self.cell_m) + 1)
         offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
         # A cell is within one diagonal of the position that its offset is measured from.
-        length, diagonal = np.linalg.norm(offsets, axis=1) * self.cell_m, np.sqrt(2) * self.cell_m
+        length = np.linalg.norm(offsets, axis=1) * self.cell_m
+        diagonal = np.sqrt(2) * self.cell_m
         offsets = offsets[(length > inner_m - diagonal) & (length < outer + diagonal)]
         from_corner = (points - (self.x_m, self.y_m)) / self.cell_m
         cells = (np.floor(from_corner)[:, None] + offsets).astype(np.int64)
@@ -144,7 +148,8 @@ def height_layer(view: DepthView, target: TargetCloud, scene: Scene) -> HeightLa
     n_cells = rows * columns
     i, j = (np.where(kept, axis, 0).astype(np.int32) for axis in (i, j))
     cell = np.where(kept, i * np.int32(columns) + j, np.int32(n_cells))
-    count, total = np.bincount(cell, minlength=n_cells + 1), np.bincount(cell, z, minlength=n_cells + 1)
+    count = np.bincount(cell, minlength=n_cells + 1)
+    total = np.bincount(cell, z, minlength=n_cells + 1)
     with np.errstate(invalid="ignore"):
         mean = (total[:-1] / count[:-1]).astype(np.float32).reshape(rows, columns)
     return HeightLayer(target.view, (int(first[0]), int(first[1])), mean)
@@ -165,37 +170,56 @@ def merge_layers(layers: Sequence[HeightLayer], T_registration: Mapping[int, NDA
     layers = [layer for layer in layers if layer.view in T_registration and layer.z_m.size]
     if not layers:
         return NO_HEIGHTS
+    begin, end = _map_extent(layers)
+    x, y = ((np.arange(first, last) + 0.5) * CELL_M for first, last in zip(begin, end, strict=True))
+    stack = np.empty((len(layers), len(x), len(y)), dtype=np.float32)
+    for number, layer in enumerate(layers):
+        stack[number] = _moved_heights(layer, T_registration[layer.view], x, y)
+    return HeightMap(float(begin[0]) * CELL_M, float(begin[1]) * CELL_M, CELL_M, _median(stack))
+
+
+def _map_extent(layers: Sequence[HeightLayer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first cell (2,) of the map of all layers, and the cell (2,) after the last one."""
     begin = np.min([layer.first for layer in layers], axis=0)
     end = np.max([np.add(layer.first, layer.z_m.shape) for layer in layers], axis=0)
-    size = round(MAX_MAP_M / CELL_M)
     middle = np.median([np.add(layer.first, np.array(layer.z_m.shape) // 2) for layer in layers], axis=0)
-    begin = np.where(end - begin > size, np.maximum(begin, middle.astype(np.int64) - size // 2), begin)
-    end = np.minimum(end, begin + size)
-    rows, columns = ((np.arange(a, b) + 0.5) * CELL_M for a, b in zip(begin, end, strict=True))
-    stack = np.empty((len(layers), len(rows), len(columns)), dtype=np.float32)
-    for number, layer in enumerate(layers):
-        T = np.linalg.inv(T_registration[layer.view])
+    max_size = round(MAX_MAP_M / CELL_M)
+    limited_begin = np.maximum(begin, middle.astype(np.int64) - max_size // 2)
+    begin = np.where(end - begin > max_size, limited_begin, begin)
+    return begin, np.minimum(end, begin + max_size)
+
+
+def _moved_heights(
+    layer: HeightLayer, T_registration: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return the heights (M, N) of a moved layer at the positions x (M,) and y (N,), metres; NaN outside the layer."""
+    T = np.linalg.inv(T_registration)
+    # The cells around the layer have no height.
+    heights = np.pad(layer.z_m, 1, constant_values=np.nan)
+    cells = []
+    for k in range(2):
         # Each coordinate in the layer is a term in x plus a term in y.
-        heights = np.pad(layer.z_m, 1, constant_values=np.nan)
-        i, j = (
-            np.floor(np.add.outer((T[k, 0] * rows + T[k, 3]) / CELL_M, T[k, 1] * columns / CELL_M)).astype(np.int32)
-            - (layer.first[k] - 1)
-            for k in range(2)
-        )
-        i, j = np.clip(i, 0, heights.shape[0] - 1), np.clip(j, 0, heights.shape[1] - 1)
-        stack[number] = heights.take(i * np.int32(heights.shape[1]) + j)
-    return HeightMap(float(begin[0]) * CELL_M, float(begin[1]) * CELL_M, CELL_M, _median(stack))
+        along_x = (T[k, 0] * x + T[k, 3]) / CELL_M
+        along_y = T[k, 1] * y / CELL_M
+        cell = np.floor(np.add.outer(along_x, along_y)).astype(np.int32) - (layer.first[k] - 1)
+        cells.append(np.clip(cell, 0, heights.shape[k] - 1))
+    i, j = cells
+    return heights.take(i * np.int32(heights.shape[1]) + j)
 
 
 def _grid_extent(T_base_camera: NDArray[np.float64], scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the corners (2,) of the grid: the workspace and its margin, or a square where the camera looks, metres."""
-    eye, axis = T_base_camera[:3, 3], T_base_camera[:3, 2]
-    distance = (scene.table_z_m - eye[2]) / axis[2] if axis[2] < -MIN_DOWNWARD_COSINE else 0.0
+    eye = T_base_camera[:3, 3]
+    axis = T_base_camera[:3, 2]
+    distance = 0.0
+    if axis[2] < -MIN_DOWNWARD_COSINE:
+        distance = (scene.table_z_m - eye[2]) / axis[2]
     centre = eye[:2] + distance * axis[:2]
     if scene.workspace_m is None:
         return centre - MAX_EXTENT_M / 2, centre + MAX_EXTENT_M / 2
     low, high = np.asarray(scene.workspace_m, dtype=np.float64)[:2].T
-    low, high = low - MARGIN_M, high + MARGIN_M
+    low = low - MARGIN_M
+    high = high + MARGIN_M
     # A large workspace is covered where the camera looks.
     begin = np.clip(centre - MAX_EXTENT_M / 2, low, np.maximum(high - MAX_EXTENT_M, low))
     return begin, np.minimum(high, begin + MAX_EXTENT_M)

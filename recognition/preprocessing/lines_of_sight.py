@@ -59,7 +59,8 @@ def count_views(points: Points, r: float, views: Sequence[NormalCloud | TargetCl
         if view.image is None or view.T_base_camera is None:
             continue
         count += 1
-        image, T = view.image, view.T_base_camera
+        image = view.image
+        T = view.T_base_camera
         in_camera = (points - T[:3, 3]) @ T[:3, :3]
         is_ahead = in_camera[:, 2] > 0
         pixels = in_camera @ image.K.T

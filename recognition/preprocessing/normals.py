@@ -33,6 +33,10 @@ MAX_POINTS = 100_000
 """Maximum number of points of one view after voxel averaging. A metre of string has about 8,000 points."""
 VOXEL_RADII = 1 / 4
 """Edge length of the averaging voxels, in radii r. The depth errors of closer pixels are correlated."""
+MIN_CUBE = 1e-300
+"""Lower limit of a divisor. It keeps the eigenvalues of a zero matrix finite."""
+DEGENERATE_SHARE = 1e-12
+"""Length of a cross product, relative to the squared size of the matrix, below which two eigenvalues are equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,8 @@ def _find_neighbours(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return the indices (M,) and (M,) of the neighbouring point pairs, and the number of neighbours (N,) per point."""
     tree = KDTree(points)
-    pairs, n_neighbours = np.empty((0, 2), dtype=np.intp), np.zeros(len(points), dtype=np.intp)
+    pairs = np.empty((0, 2), dtype=np.intp)
+    n_neighbours = np.zeros(len(points), dtype=np.intp)
     for factor in GROWTH_FACTORS:
         pairs = tree.query_pairs(factor * radius, output_type="ndarray")
         n_neighbours = np.bincount(pairs.ravel(), minlength=len(points))
@@ -141,14 +146,18 @@ def smallest_eigenvectors(A: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns:
         Unit vectors (N, 3) of either sign; (0, 0, 1) where the smallest eigenvalue is a multiple eigenvalue.
     """
-    a, b, c, d, e, f = (A[:, i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-    mean = (a + b + c) / 3
-    a, b, c = a - mean, b - mean, c - mean
+    # The rows of a matrix are (a, d, e), (d, b, f) and (e, f, c).
+    diagonal = np.stack([A[:, 0, 0], A[:, 1, 1], A[:, 2, 2]])
+    a, b, c = diagonal
+    d, e, f = (A[:, i, j] for i, j in ((0, 1), (0, 2), (1, 2)))
+    # The closed form needs a matrix of trace zero.
+    diagonal = diagonal - (a + b + c) / 3
+    a, b, c = diagonal
     p = np.sqrt((a**2 + b**2 + c**2 + 2 * (d**2 + e**2 + f**2)) / 6)
     determinant = a * (b * c - f**2) - d * (d * c - f * e) + e * (d * f - b * e)
-    cosine = np.clip(determinant / np.maximum(2 * p**3, 1e-300), -1, 1)
+    cosine = np.clip(determinant / np.maximum(2 * p**3, MIN_CUBE), -1, 1)
     smallest = 2 * p * np.cos((np.arccos(cosine) + 2 * np.pi) / 3)
-    a, b, c = a - smallest, b - smallest, c - smallest
+    a, b, c = diagonal - smallest
     # The eigenvector is normal to the rows of A - smallest I. The longest cross product of two rows is most exact.
     products = np.stack(
         [
@@ -162,6 +171,7 @@ def smallest_eigenvectors(A: NDArray[np.float64]) -> NDArray[np.float64]:
     index = np.arange(len(A))
     length = length[longest, index]
     eigenvectors = products[longest, index]
-    is_degenerate = length <= 1e-12 * p**2
-    eigenvectors[is_degenerate], length[is_degenerate] = (0.0, 0.0, 1.0), 1.0
+    is_degenerate = length <= DEGENERATE_SHARE * p**2
+    eigenvectors[is_degenerate] = (0.0, 0.0, 1.0)
+    length[is_degenerate] = 1.0
     return eigenvectors / length[:, None]

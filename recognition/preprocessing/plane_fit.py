@@ -9,6 +9,8 @@ APART_PASSES = 6
 """Number of passes of the fit of a plane beside another one."""
 MIN_INLIERS = 100
 """Minimum number of inliers of a plane."""
+SIGMA_PER_MAD = 1.4826
+"""Standard deviation of a normal distribution, relative to its median absolute deviation."""
 MODE_SHARE = 0.3
 """Share of the values in the interval from which the standard deviation is taken."""
 MODE_WIDTH_SIGMAS = 0.7706
@@ -55,6 +57,11 @@ def fit_apart(
     return plane, is_inlier
 
 
+def median_sigma(residuals: NDArray[np.float64]) -> float:
+    """Return the standard deviation of normal residuals (N,) with mean zero, from the median of their magnitudes."""
+    return SIGMA_PER_MAD * float(np.median(np.abs(residuals)))
+
+
 def mode_sigma(values: NDArray[np.float64]) -> float:
     """Return the standard deviation of normal values (N,) from the shortest interval with `MODE_SHARE` of them.
 
@@ -72,12 +79,14 @@ def clipped_sigma(values: NDArray[np.float64]) -> float:
     chance. Other modes must be `CLIP_SIGMAS` away.
     """
     low, high = _mode_interval(values)
-    middle, sigma = (low + high) / 2, (high - low) / MODE_WIDTH_SIGMAS
+    middle = (low + high) / 2
+    sigma = (high - low) / MODE_WIDTH_SIGMAS
     for _ in range(CLIP_PASSES):
         near = values[np.abs(values - middle) <= CLIP_SIGMAS * sigma]
         if not len(near):
             break
-        middle, sigma = float(near.mean()), float(near.std()) / CLIPPED_SHARE
+        middle = float(near.mean())
+        sigma = float(near.std()) / CLIPPED_SHARE
     return sigma
 
 
@@ -101,6 +110,9 @@ def is_apart(residual: NDArray[np.float64], min_distance_m: float, min_points: f
     result = residual > min_distance_m
     if result.sum() >= min_points:
         # A plane between two real ones is tilted, so that the distances scatter more than the noise.
-        sigma = min(mode_sigma(residual), 1.4826 * float(np.median(np.abs(np.diff(residual)))) / np.sqrt(2))
+        sigma_of_neighbours = median_sigma(np.diff(residual)) / np.sqrt(2)
+        sigma = min(mode_sigma(residual), sigma_of_neighbours)
         result = residual > max(min_distance_m, APART_SIGMAS * sigma)
-    return result if result.sum() >= min_points else np.zeros(len(residual), dtype=bool)
+    if result.sum() < min_points:
+        return np.zeros(len(residual), dtype=bool)
+    return result

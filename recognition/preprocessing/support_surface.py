@@ -54,7 +54,9 @@ class SupportSurface:
         if not np.isfinite(beside).any():
             return self.table_z_m
         height = float(np.nanpercentile(beside, RAISED_PERCENTILE))
-        return height if height > self.table_z_m + MIN_RAISED_M else self.table_z_m
+        if height > self.table_z_m + MIN_RAISED_M:
+            return height
+        return self.table_z_m
 
     def remove_from(
         self, surface: NDArray[np.float64], chains: Sequence[Chain], parameters: ChainParameters

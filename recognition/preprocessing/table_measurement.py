@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane, is_apart
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD, MIN_LOWER_M, MIN_SPREAD_M
-from recognition.preprocessing.target_cloud import MAX_REACH_M, DepthView, Scene, deproject
+from recognition.preprocessing.target_cloud import DepthView, Scene, deproject, workspace_box
 
 SEARCH_M = 0.05
 """Maximum distance of the table from its given height, metres. A plane farther away is another surface."""
@@ -21,6 +21,8 @@ one of them has all three points on it, with a probability of 99 %."""
 INLIERS_M = (0.003, 0.002, 0.002)
 """Maximum distance of inliers from the plane in each pass of the fit, metres. The first also counts the inliers of the
 planes that are compared."""
+MAX_COUNTED = 400
+"""Approximate maximum number of points that are counted to compare the planes."""
 MIN_SHARE = 0.2
 """Minimum number of inliers, as a share of the points in the search range."""
 MAX_NEAR_SHARE = 0.05
@@ -79,7 +81,8 @@ def measure_table(view: DepthView, scene: Scene) -> ViewPlane | None:
     if found is None or other is None:
         return found
     is_upper = other.centre[2] > found.height_at(other.centre[:2])
-    lower, upper = (found, other) if is_upper else (other, found)
+    lower = found if is_upper else other
+    upper = other if is_upper else found
     if _is_as_given(lower, scene) or not _is_as_given(upper, scene):
         return replace(lower, has_rival=not is_upper and not _is_as_given(lower, scene))
     return upper
@@ -93,12 +96,18 @@ def _other_plane(
     `residual` (N,) is the height of the points above the first plane, metres.
     """
     min_inliers = max(MIN_OTHER_SHARE * len(points), MIN_INLIERS)
-    for is_other in (is_apart(-residual, MIN_LOWER_M, min_inliers), is_apart(residual, INLIERS_M[0], min_inliers)):
-        first = _plane_of_most(A[is_other], points[is_other, 2]) if is_other.any() else None
+    is_below = is_apart(-residual, MIN_LOWER_M, min_inliers)
+    is_above = is_apart(residual, INLIERS_M[0], min_inliers)
+    for is_other in (is_below, is_above):
+        if not is_other.any():
+            continue
+        first = _plane_of_most(A[is_other], points[is_other, 2])
         if first is None:
             continue
         plane, is_inlier = fit_apart(A, points[:, 2], first)
-        other = _view_plane(view, points, is_inlier, plane) if is_inlier.sum() >= min_inliers else None
+        if is_inlier.sum() < min_inliers:
+            continue
+        other = _view_plane(view, points, is_inlier, plane)
         if other is not None and abs(float(residual[is_inlier].mean())) > MIN_LOWER_M:
             return other
     return None
@@ -143,7 +152,10 @@ def height_far_from_table(view: DepthView, scene: Scene) -> float | None:
         The height in the base frame; None if the view shows something near the table, or too little at all.
     """
     _, _, points = _pixels_in_sides(view, scene, SAMPLE_SIZE)
-    if len(points) < MIN_INLIERS or np.mean(np.abs(points[:, 2] - scene.table_z_m) <= SEARCH_M) > MAX_NEAR_SHARE:
+    if len(points) < MIN_INLIERS:
+        return None
+    is_near = np.abs(points[:, 2] - scene.table_z_m) <= SEARCH_M
+    if is_near.mean() > MAX_NEAR_SHARE:
         return None
     return float(np.median(points[:, 2]))
 
@@ -153,10 +165,11 @@ def _pixels_in_sides(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
     """Return the rows (N,), the columns (N,) and the points (N, 3) of pixels within the sides of the workspace."""
     step = int(np.ceil(np.sqrt(max(view.depth.size / size, 1.0))))
-    rows, columns = (x * step + step // 2 for x in np.nonzero(view.depth[step // 2 :: step, step // 2 :: step]))
+    subsampled = view.depth[step // 2 :: step, step // 2 :: step]
+    rows, columns = (index * step + step // 2 for index in np.nonzero(subsampled))
     points = deproject(view, rows, columns)
-    box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
-    inside = np.all((points[:, :2] >= box[:2, 0]) & (points[:, :2] <= box[:2, 1]), axis=1)
+    low, high = workspace_box(scene)[:2].T
+    inside = np.all((points[:, :2] >= low) & (points[:, :2] <= high), axis=1)
     return rows[inside], columns[inside], points[inside]
 
 
@@ -175,6 +188,6 @@ def _plane_of_most(A: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np
     planes = planes[np.hypot(planes[:, 0], planes[:, 1]) < MAX_SLOPE]
     if len(planes) == 0:
         return None
-    step = max(len(z) // 400, 1)
+    step = max(len(z) // MAX_COUNTED, 1)
     count = (np.abs(planes @ A[::step].T - z[::step]) < INLIERS_M[0]).sum(axis=1)
     return np.asarray(planes[int(count.argmax())], dtype=np.float64)

@@ -95,11 +95,12 @@ def table_scatter(
     points = points[np.abs(points[:, 2] - table_z_m) < range_m]
     if len(points) < MIN_TABLE_POINTS:
         return TableScatter()
-    plane = np.array([0.0, 0.0, table_z_m]) if is_aligned else _fit_plane(points)
+    plane = np.array([0.0, 0.0, table_z_m])
+    if not is_aligned:
+        plane = _fit_plane(points)
     is_table = np.abs(patches[..., 2] - table_z_m) < range_m
-    return TableScatter(
-        mode_sigma(_heights(points, plane)), _patch_sigma(np.where(is_table, _heights(patches, plane), np.nan))
-    )
+    patch_heights = np.where(is_table, _heights(patches, plane), np.nan)
+    return TableScatter(pixel_m=mode_sigma(_heights(points, plane)), patch_m=_patch_sigma(patch_heights))
 
 
 def _patch_sigma(heights: NDArray[np.float64]) -> float | None:
@@ -109,7 +110,9 @@ def _patch_sigma(heights: NDArray[np.float64]) -> float | None:
     enough = count >= max(MIN_PATCH_SHARE * heights.shape[1], 2)
     if enough.sum() < MIN_PATCHES:
         return None
-    heights, measured, count = heights[enough], measured[enough], count[enough]
+    heights = heights[enough]
+    measured = measured[enough]
+    count = count[enough]
     mean = np.nansum(heights, axis=1) / count
     # The mean of a patch also has the independent part of the errors of its pixels.
     within = np.where(measured, heights - mean[:, None], 0.0)
@@ -126,9 +129,11 @@ def _fit_plane(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the plane (slope along x, slope along y, height) of least absolute deviations from points (N, 3)."""
     middle = points[:, :2].mean(axis=0)
     chosen = points[:: -(-len(points) // MAX_POINTS)]
-    B, z = np.column_stack([chosen[:, :2] - middle, np.ones(len(chosen))]), chosen[:, 2]
+    B = np.column_stack([chosen[:, :2] - middle, np.ones(len(chosen))])
+    z = chosen[:, 2]
     plane = np.array([0.0, 0.0, np.median(points[:, 2])])
     for _ in range(FIT_PASSES):
         weight = 1 / np.maximum(np.abs(z - B @ plane), MIN_DEVIATION_M)
-        plane = np.linalg.lstsq((B * weight[:, None]).T @ B, (B * weight[:, None]).T @ z, rcond=None)[0]
+        weighted_B = B * weight[:, None]
+        plane = np.linalg.lstsq(weighted_B.T @ B, weighted_B.T @ z, rcond=None)[0]
     return np.asarray(plane - (0.0, 0.0, plane[:2] @ middle), dtype=np.float64)

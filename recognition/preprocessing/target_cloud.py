@@ -145,7 +145,9 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
     T_base_camera = T_table_alignment @ view.T_base_camera
     is_aligned = not np.array_equal(T_table_alignment, np.eye(4))
     table_points = transform_points(T_table_alignment, sample)
-    distance = float(np.median(depth[rows[measured], columns[measured]])) if measured.any() else np.inf
+    distance = np.inf
+    if measured.any():
+        distance = float(np.median(depth[rows[measured], columns[measured]]))
     patches = _patches(view, T_table_alignment, parameters, scene, distance)
     scatter = table_scatter(table_points, patches, scene.table_z_m, parameters, is_aligned)
 
@@ -189,6 +191,13 @@ def deproject(view: DepthView, rows: NDArray[np.intp], columns: NDArray[np.intp]
     return (T[:3, :3] @ np.linalg.inv(view.K) @ (z[:, None] * pixels).T).T + T[:3, 3]
 
 
+def workspace_box(scene: Scene) -> NDArray[np.float64]:
+    """Return the limits (3, 2) of the workspace along x, y and z, metres; `MAX_REACH_M` if there is no workspace."""
+    if scene.workspace_m is None:
+        return np.tile([-MAX_REACH_M, MAX_REACH_M], (3, 1))
+    return np.array(scene.workspace_m)
+
+
 def _patches(
     view: DepthView,
     T_table_alignment: NDArray[np.float64],
@@ -220,7 +229,9 @@ def _points_beyond(
     height_m = scene.table_z_m + side * parameters.z_t
     rows, columns = _pixels_beyond(view, T_table_alignment @ view.T_base_camera, height_m, side)
     points = transform_points(T_table_alignment, deproject(view, rows, columns))
-    mirrored = points if side > 0 else points * (1.0, 1.0, -1.0) + (0.0, 0.0, 2 * scene.table_z_m)
+    mirrored = points
+    if side < 0:
+        mirrored = points * (1.0, 1.0, -1.0) + (0.0, 0.0, 2 * scene.table_z_m)
     kept = _is_in_workspace(mirrored, scene)
     kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
     return points[kept]
@@ -247,6 +258,6 @@ def _pixels_beyond(
 
 def _is_in_workspace(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
     """Return the mask (N,) of the points (N, 3) in the workspace, with a margin of `FLOOR_MARGIN_M` below the floor."""
-    box = np.array([[-MAX_REACH_M, MAX_REACH_M]] * 3 if scene.workspace_m is None else scene.workspace_m)
-    box[2, 0] -= FLOOR_MARGIN_M
-    return np.all((points >= box[:, 0]) & (points <= box[:, 1]), axis=1)
+    low, high = workspace_box(scene).T
+    low[2] -= FLOOR_MARGIN_M
+    return np.all((points >= low) & (points <= high), axis=1)

@@ -1,6 +1,6 @@
 """Selection of the views that recognition can use, with a reason for each excluded view."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,10 @@ MAX_NOISE_SHARE = 0.5
 """Maximum share of noise in the points above the table. Noise of the table gives as many points below it."""
 MIN_POINTS = 50
 """Minimum number of points above the height threshold, and of measured points in the workspace. Fewer are noise."""
+NO_STRING_REASON = (
+    "no string of this radius in view: nothing in the workspace is higher above the table than the threshold z_t"
+)
+"""Why a scene has no string if no view shows one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,43 +52,26 @@ def select_views(targets: Sequence[TargetCloud]) -> ViewSelection:
     if not targets:
         raise InsufficientViewsError("no view was given; at least one is needed")
     reasons = {target.view: exclusion_reason(target) for target in targets}
-    excluded = tuple(
-        ViewQuality(target.view, False, reason.message, len(target.points), code=reason.code)
-        for target in targets
-        if (reason := reasons[target.view]) is not None
-    )
     measuring = [target for target in targets if target.n_in_workspace >= MIN_POINTS and not _is_sensor_stuck(target)]
     if not measuring:
-        details = "; ".join(f"view {view}: {reason.message}" for view, reason in reasons.items() if reason is not None)
-        raise NoDepthError(
-            f"no view measured anything in the workspace ({details}). "
-            "Check the camera, the table height and the workspace"
-        )
+        raise NoDepthError(_no_depth_message(reasons))
     used = [target for target in targets if reasons[target.view] is None]
     noisy = [target for target in measuring if _is_noisy(target)]
     if len(noisy) > len(measuring) / 2:
         raise DepthNoiseError(_noise_message(noisy))
     crowded = [target for target in used if len(target.points) > CROWDED_SHARE * target.n_in_workspace]
     if len(crowded) > len(used) / 2:
-        share = len(crowded[0].points) / crowded[0].n_in_workspace
-        others = ", and most other views show the same" if len(used) > 1 else ""
-        raise TooCrowdedError(
-            f"{share:.0%} of what view {crowded[0].view} measured in the workspace is above the table{others}: check "
-            "the table height and the workspace"
-        )
+        raise TooCrowdedError(_crowded_message(crowded[0], len(used)))
     n_bare = len(measuring) - len(used) - len(noisy)
     if len(used) == 1 and n_bare:
         raise InsufficientViewsError(
             f"only view {used[0].view} sees anything above the table, the other {n_bare} that measured the table do "
             "not: the views do not agree, so no model is made"
         )
-    if used:
-        return ViewSelection(used, excluded, None)
-    return ViewSelection(
-        (),
-        excluded,
-        "no string of this radius in view: nothing in the workspace is higher above the table than the threshold z_t",
-    )
+    excluded = _excluded_qualities(targets, reasons)
+    if not used:
+        return ViewSelection((), excluded, NO_STRING_REASON)
+    return ViewSelection(used, excluded, None)
 
 
 def exclusion_reason(target: TargetCloud) -> ExclusionReason | None:
@@ -113,6 +100,36 @@ def exclusion_reason(target: TargetCloud) -> ExclusionReason | None:
         )
         return ExclusionReason("view-noisy", message)
     return None
+
+
+def _excluded_qualities(
+    targets: Sequence[TargetCloud], reasons: Mapping[int, ExclusionReason | None]
+) -> tuple[ViewQuality, ...]:
+    """Return the quality of each excluded view, with its reason."""
+    qualities = []
+    for target in targets:
+        reason = reasons[target.view]
+        if reason is not None:
+            qualities.append(ViewQuality(target.view, False, reason.message, len(target.points), code=reason.code))
+    return tuple(qualities)
+
+
+def _no_depth_message(reasons: Mapping[int, ExclusionReason | None]) -> str:
+    """Return the message of a `NoDepthError`, from the reasons by view index."""
+    details = "; ".join(f"view {view}: {reason.message}" for view, reason in reasons.items() if reason is not None)
+    return (
+        f"no view measured anything in the workspace ({details}). Check the camera, the table height and the workspace"
+    )
+
+
+def _crowded_message(crowded: TargetCloud, n_used: int) -> str:
+    """Return the message of a `TooCrowdedError`, from a crowded view and the number of used views."""
+    share = len(crowded.points) / crowded.n_in_workspace
+    others = ", and most other views show the same" if n_used > 1 else ""
+    return (
+        f"{share:.0%} of what view {crowded.view} measured in the workspace is above the table{others}: check the "
+        "table height and the workspace"
+    )
 
 
 def _noise_message(noisy: Sequence[TargetCloud]) -> str:
