@@ -7,6 +7,7 @@ distant views. They also show errors that are larger in total than the given sta
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,54 @@ SIZES = (0.5, 1.0, 2.0)
 proportional to 1 / size, so that the mean variance is the given one."""
 MIN_WEIGHT = 1e-3
 """Weight below which a combination of a size and a share is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Posterior:
+    """Gaussian posterior of the state for one combination of a share and a size of the robot errors."""
+
+    root: NDArray[np.float64]
+    """(6 V + 7, 6 V + 7) lower Cholesky factor of the information matrix."""
+    mean: NDArray[np.float64]
+    """(6 V + 7,) state with the highest probability."""
+    log_evidence: float
+    """Logarithm of the probability of the combination and the measured surfaces, without a constant."""
+
+    def covariance_about(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the expected square (6 V + 7, 6 V + 7) of the difference to a state (6 V + 7,)."""
+        change = self.mean - state
+        return cho_solve((self.root, True), np.eye(len(self.root))) + np.outer(change, change)
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalEquations:
+    """Normal equations of the alignment without the prior of the robot errors, which are `D @ state + d`."""
+
+    information: NDArray[np.float64]
+    """(6 V + 7, 6 V + 7) information matrix."""
+    vector: NDArray[np.float64]
+    """(6 V + 7,) information vector."""
+    D: NDArray[np.float64]
+    """(6 V, 6 V + 7) derivative of the robot errors by the state, in sigmas."""
+    d: NDArray[np.float64]
+    """(6 V,) robot errors at the zero state, in sigmas."""
+
+    def posteriors(self, between_views: NDArray[np.float64]) -> list[_Posterior]:
+        """Return the posterior for each of `SIZES` if the robot errors have the correlation (V, V) between views."""
+        robot = np.kron(np.linalg.inv(between_views), np.eye(6))
+        prior_information = self.D.T @ robot @ self.D
+        prior_vector = self.D.T @ (robot @ self.d)
+        prior_squares = self.d @ robot @ self.d
+        log_views = 6 * np.linalg.slogdet(between_views)[1]
+        found = []
+        for size in SIZES:
+            root = cholesky(self.information + prior_information / size**2, lower=True)
+            vector = self.vector - prior_vector / size**2
+            mean = cho_solve((root, True), vector)
+            log_determinants = log_views + 2 * len(self.d) * np.log(size) + 2 * np.log(np.diag(root)).sum()
+            log_likelihood = (vector @ mean - prior_squares / size**2 - log_determinants) / 2
+            found.append(_Posterior(root, mean, float(log_likelihood - np.log(size))))
+        return found
 
 
 def pose_covariance(
@@ -59,28 +108,26 @@ def pose_covariance(
     D = np.vstack([D for D, _ in prior.robot_errors])
     d = np.concatenate([d for _, d in prior.robot_errors])
     correlation = pose_correlation(np.array(known))
-    without_robot, vector = information - D.T @ D, information @ state + D.T @ d
-    sizes = np.array(SIZES)
-    log_evidence, candidates = np.zeros((len(SMOOTH_SHARES), len(sizes))), []
-    for i, share in enumerate(SMOOTH_SHARES):
-        views = (1 - share) * np.eye(len(known)) + share * correlation
-        robot = np.kron(np.linalg.inv(views), np.eye(6))
-        prior_information, prior_vector, squares = D.T @ robot @ D, D.T @ (robot @ d), d @ robot @ d
-        log_views = 6 * np.linalg.slogdet(views)[1]
-        for k, size in enumerate(sizes):
-            root = cholesky(without_robot + prior_information / size**2, lower=True)
-            b = vector - prior_vector / size**2
-            mean = cho_solve((root, True), b)
-            log_determinants = log_views + 12 * len(known) * np.log(size) + 2 * np.log(np.diag(root)).sum()
-            log_evidence[i, k] = (b @ mean - squares / size**2 - log_determinants) / 2 - np.log(size)
-            candidates.append((root, mean))
-    weights = np.exp(log_evidence - log_evidence.max())
-    if (weights @ sizes**2).sum() < weights.sum():  # the mean variance is less than the given one
-        weights = np.where(sizes == 1.0, np.exp(log_evidence - log_evidence[:, sizes == 1.0].max()), 0.0)
-    weights /= weights.sum()
+    equations = _NormalEquations(information - D.T @ D, information @ state + D.T @ d, D, d)
+    posteriors = []
+    for share in SMOOTH_SHARES:
+        between_views = (1 - share) * np.eye(len(known)) + share * correlation
+        posteriors += equations.posteriors(between_views)
+    log_evidence = np.array([posterior.log_evidence for posterior in posteriors])
+    weights = _weights(log_evidence.reshape(len(SMOOTH_SHARES), len(SIZES)))
     covariance = np.zeros_like(information)
-    for weight, (root, mean) in zip(weights.ravel(), candidates, strict=True):
+    for weight, posterior in zip(weights.ravel(), posteriors, strict=True):
         if weight > MIN_WEIGHT:
-            change = mean - state
-            covariance += weight * (cho_solve((root, True), np.eye(len(root))) + np.outer(change, change))
+            covariance += weight * posterior.covariance_about(state)
     return np.asarray(covariance[:-N_SHARED, :-N_SHARED], dtype=np.float64)
+
+
+def _weights(log_evidence: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the weights of the combinations of `SMOOTH_SHARES` (rows) and `SIZES` (columns); their sum is 1."""
+    sizes = np.array(SIZES)
+    weights = np.exp(log_evidence - log_evidence.max())
+    is_less_than_given = (weights @ sizes**2).sum() < weights.sum()
+    if is_less_than_given:
+        is_given = sizes == 1.0
+        weights = np.where(is_given, np.exp(log_evidence - log_evidence[:, is_given].max()), 0.0)
+    return weights / weights.sum()

@@ -1,6 +1,6 @@
 """Correspondences: points of two views on the same piece of surface."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +45,28 @@ class Correspondences:
     """(M,) cosine of the angle between the two normals of each pair."""
     n_searched: int
     """Number of source points for which a match was searched, with or without success."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedViews:
+    """Views to align, and the correspondences of those that are compared with each other."""
+
+    clouds: Sequence[NormalCloud]
+    """Clouds of the V views at the given poses, base frame."""
+    is_compared: NDArray[np.bool_]
+    """(V, V) symmetric mask of the views that are compared with each other."""
+    correspondences: Sequence[Correspondences]
+    """Correspondences of the compared views at the given poses."""
+
+    def without(self, excluded: Collection[int]) -> "ComparedViews":
+        """Return the views without those whose view index is `excluded`."""
+        kept = [k for k, cloud in enumerate(self.clouds) if cloud.view not in excluded]
+        correspondences = [
+            overlap
+            for overlap in self.correspondences
+            if overlap.source_view not in excluded and overlap.target_view not in excluded
+        ]
+        return ComparedViews([self.clouds[k] for k in kept], self.is_compared[np.ix_(kept, kept)], correspondences)
 
 
 def compared_earlier_views(clouds: Sequence[NormalCloud]) -> NDArray[np.intp]:
@@ -119,14 +141,20 @@ def find_correspondences(
         One item for each target view with at least `MIN_PAIRS` pairs, in the order of `others`.
     """
     chosen = anchor_points(cloud, max_anchors)
-    T = np.eye(4) if T is None else T
-    points, normals = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3], cloud.normals[chosen] @ T[:3, :3].T
+    if T is None:
+        T = np.eye(4)
+    if T_others is None:
+        T_others = [np.eye(4)] * len(others)
+    points = cloud.points[chosen] @ T[:3, :3].T + T[:3, 3]
+    normals = cloud.normals[chosen] @ T[:3, :3].T
     found = []
-    for k, other in enumerate(others):
+    for other, T_other in zip(others, T_others, strict=True):
         # Move the source points into the frame of the tree, because a moved target cloud would need a new tree.
-        R, t = (np.eye(3), np.zeros(3)) if T_others is None else (T_others[k][:3, :3], T_others[k][:3, 3])
+        R = T_other[:3, :3]
+        t = T_other[:3, 3]
         distances, nearest = other.tree.query((points - t) @ R, distance_upper_bound=max_distance_radii * parameters.r)
-        nearest, near = np.asarray(nearest), np.flatnonzero(distances < np.inf)
+        nearest = np.asarray(nearest)
+        near = np.flatnonzero(distances < np.inf)
         cosines = np.einsum("ij,ij->i", normals[near] @ R, other.normals[nearest[near]])
         is_aligned = cosines > min_cosine
         near = near[is_aligned]

@@ -39,6 +39,8 @@ MAX_ROBOT_SIGMA = 10.0
 MAX_ROBOT_RATIO = 3.0
 """Maximum ratio of the robot error of a view to the median over all views. A view is excluded only if it exceeds this
 limit and `MAX_ROBOT_SIGMA`. If all views have large errors, the arm is inaccurate, and no single view is wrong."""
+MAX_UNDECIDED_VIEWS = 2
+"""Maximum number of views of which none is excluded for its robot error."""
 MIN_DEPTH_M = 0.01
 """Minimum depth of a point that is checked, metres."""
 MAX_CHECKED_POINTS = 600
@@ -76,21 +78,10 @@ def find_inconsistent_views(
         ContradictingViewsError: At least half of the views would have to be excluded.
         DepthNoiseError: The same, but the depth scatters so much that noise explains it.
     """
-    contradictions, n_checked = _contradictions(*free_space_violations(clouds, parameters, table_z_m))
-    kept = list(range(len(clouds)))
-    reasons: dict[int, ExclusionReason] = {}
-    while len(kept) > 1:
-        among_kept = contradictions[np.ix_(kept, kept)]
-        scores = _view_scores(among_kept, n_checked[np.ix_(kept, kept)])
-        if scores.max() <= MAX_FREE_SPACE_VIOLATION:
-            break
-        worst = int(np.where(scores > MAX_FREE_SPACE_VIOLATION, among_kept.sum(axis=1), -1.0).argmax())
-        reasons[clouds[kept[worst]].view] = ExclusionReason(
-            "view-contradicting",
-            f"it contradicts the other views: {scores[worst]:.0%} of the surface in one view is free space in the "
-            "other; the pose, the frame or the string has changed",
-        )
-        del kept[worst]
+    violations, n_checked = free_space_violations(clouds, parameters, table_z_m)
+    contradictions, n_compared = _contradictions(violations, n_checked)
+    contradicting = _find_contradicting(contradictions, n_compared)
+    kept = [k for k in range(len(clouds)) if k not in contradicting]
     if len(kept) <= len(clouds) / 2:
         _raise_if_noisy(clouds, parameters)
         i, j = divmod(int(contradictions.argmax()), len(clouds))
@@ -100,21 +91,58 @@ def find_inconsistent_views(
             f"radius of {parameters.r * 1000:.1f} mm is not too small, and that nothing moved during the scan; if this "
             "happens again, check the hand-eye calibration, as the camera may have moved on the flange"
         )
+    found = contradicting | _find_wrong_poses(robot_errors, kept)
+    reasons = {clouds[k].view: reason for k, reason in found.items()}
+    if len(clouds) - len(reasons) <= len(clouds) / 2:
+        _raise_if_noisy(clouds, parameters)
+        details = "; ".join(f"view {view}: {reason.message}" for view, reason in reasons.items())
+        raise ContradictingViewsError(
+            f"{len(reasons)} of {len(clouds)} views would have to be excluded, and no majority of the views agrees: "
+            f"{details}; check the poses and the arm"
+        )
+    return reasons
+
+
+def _find_contradicting(
+    contradictions: NDArray[np.float64], n_compared: NDArray[np.int64]
+) -> dict[int, ExclusionReason]:
+    """Return the reason of each view that contradicts the others, by list index, the most contradicting one first.
+
+    `contradictions` (V, V) are the shares of the surface, and `n_compared` (V, V) the numbers of points.
+    """
+    kept = list(range(len(contradictions)))
+    reasons = {}
+    while len(kept) > 1:
+        among_kept = contradictions[np.ix_(kept, kept)]
+        scores = _view_scores(among_kept, n_compared[np.ix_(kept, kept)])
+        is_contradicting = scores > MAX_FREE_SPACE_VIOLATION
+        if not is_contradicting.any():
+            break
+        worst = int(np.where(is_contradicting, among_kept.sum(axis=1), -1.0).argmax())
+        reasons[kept[worst]] = ExclusionReason(
+            "view-contradicting",
+            f"it contradicts the other views: {scores[worst]:.0%} of the surface in one view is free space in the "
+            "other; the pose, the frame or the string has changed",
+        )
+        del kept[worst]
+    return reasons
+
+
+def _find_wrong_poses(robot_errors: NDArray[np.float64], kept: Sequence[int]) -> dict[int, ExclusionReason]:
+    """Return the reason of each of the `kept` views with a large robot error, by list index."""
+    # Two views share their difference equally, so neither of them is the wrong one.
+    if len(kept) <= MAX_UNDECIDED_VIEWS:
+        return {}
     median_error = float(np.median(robot_errors[kept]))
-    for k in kept if len(kept) > 2 else []:
-        if robot_errors[k] > max(MAX_ROBOT_SIGMA, MAX_ROBOT_RATIO * median_error):
-            reasons[clouds[k].view] = ExclusionReason(
+    max_error = max(MAX_ROBOT_SIGMA, MAX_ROBOT_RATIO * median_error)
+    reasons = {}
+    for k in kept:
+        if robot_errors[k] > max_error:
+            reasons[k] = ExclusionReason(
                 "view-pose-error",
                 f"its pose would need a correction of {robot_errors[k]:.0f} sigma of the arm's accuracy (the other "
                 f"views: {median_error:.0f}): it was not captured at the pose that the arm reported",
             )
-    if len(clouds) - len(reasons) <= len(clouds) / 2:
-        _raise_if_noisy(clouds, parameters)
-        raise ContradictingViewsError(
-            f"{len(reasons)} of {len(clouds)} views would have to be excluded, and no majority of the views agrees: "
-            f"{'; '.join(f'view {view}: {reason.message}' for view, reason in reasons.items())}; check the poses and "
-            "the arm"
-        )
     return reasons
 
 
@@ -138,14 +166,15 @@ def free_space_violations(
         does not see the surface of view j.
     """
     n_views = len(clouds)
-    n_checked_points = max(
-        MAX_CHECKED_POINTS * MAX_FULL_CHECKS // max(n_views - 1, MAX_FULL_CHECKS), MIN_CHECKED_POINTS
-    )
+    n_checks = max(n_views - 1, MAX_FULL_CHECKS)
+    n_checked_points = max(MAX_CHECKED_POINTS * MAX_FULL_CHECKS // n_checks, MIN_CHECKED_POINTS)
     anchors = [anchor_points(cloud, n_checked_points) for cloud in clouds]
     points = np.vstack([cloud.points[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     normals = np.vstack([cloud.normals[chosen] for cloud, chosen in zip(clouds, anchors, strict=True)])
     view = np.repeat(np.arange(n_views), [len(chosen) for chosen in anchors])
-    min_z_m = -np.inf if table_z_m is None else table_z_m - parameters.z_t
+    min_z_m = -np.inf
+    if table_z_m is not None:
+        min_z_m = table_z_m - parameters.z_t
     n_violating, n_checked = np.zeros((2, n_views, n_views), dtype=np.int64)
     for i, cloud in enumerate(clouds):
         checked, violating = _check_points(cloud, points, normals, parameters.r, min_z_m)
@@ -169,26 +198,27 @@ def _view_scores(shares: NDArray[np.float64], n_checked: NDArray[np.int64]) -> N
 
     The weights of the shares (V, V) are their numbers of checked points (V, V), because few points say little.
     """
-    return np.array(
-        [
-            min(_upper_median(row, weight), _lower_bound(float(row @ weight), int(weight.sum())))
-            for row, weight in zip(shares, n_checked, strict=True)
-        ]
-    )
+    scores = np.empty(len(shares))
+    for k, (row, weight) in enumerate(zip(shares, n_checked, strict=True)):
+        bound = _lower_bound(float(row @ weight), int(weight.sum()))
+        scores[k] = min(_upper_median(row, weight), bound)
+    return scores
 
 
 def _lower_bound(count: float, n: int) -> float:
     """Return the lower confidence bound of a share that was measured as `count` of `n` points (Wilson score)."""
     if n == 0:
         return 0.0
-    share, z2 = count / n, CONFIDENCE_Z**2
+    share = count / n
+    z2 = CONFIDENCE_Z**2
     margin = CONFIDENCE_Z * float(np.sqrt(share * (1 - share) / n + z2 / (4 * n**2)))
     return (share + z2 / (2 * n) - margin) / (1 + z2 / n)
 
 
 def _raise_if_noisy(clouds: Sequence[NormalCloud], parameters: ChainParameters) -> None:
     """Raise DepthNoiseError if the depth scatters so much that it explains why views contradict each other."""
-    scatter_m, limit_m = float(np.median([cloud.scatter.pixel_m for cloud in clouds])), max_scatter_m(parameters)
+    scatter_m = float(np.median([cloud.scatter.pixel_m for cloud in clouds]))
+    limit_m = max_scatter_m(parameters)
     if scatter_m > limit_m:
         raise DepthNoiseError(
             f"the depth of the table scatters by {scatter_m * 1000:.1f} mm (one sigma, median of {len(clouds)} views), "
@@ -206,7 +236,9 @@ def _check_points(
     """
     if cloud.image is None or cloud.T_base_camera is None:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
-    T, K, depth = cloud.T_base_camera, cloud.image.K, cloud.image.depth
+    T = cloud.T_base_camera
+    K = cloud.image.K
+    depth = cloud.image.depth
     rays = points - T[:3, 3]
     is_facing = -np.einsum("ij,ij->i", rays, normals) > MIN_FACING_COSINE * np.sqrt(np.einsum("ij,ij->i", rays, rays))
     in_camera = rays @ T[:3, :3]
@@ -215,15 +247,20 @@ def _check_points(
     # If r spans few pixels, flying pixels narrow the string in the depth image. The ring is then larger.
     ring_radius = np.maximum(radius, MIN_RING_PIXELS * z / K[0, 0])
     dx, dy = np.array([(0.0, 0.0), *RING_DIRECTIONS]).T[:, :, None] * ring_radius
-    u = (x + dx) / z * K[0, 0] + K[0, 2] + 0.5
-    v = (y + dy) / z * K[1, 1] + K[1, 2] + 0.5
-    is_inside = (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])
-    pixel = np.where(is_inside, v, 0).astype(np.intp) * depth.shape[1] + np.where(is_inside, u, 0).astype(np.intp)
-    measured_z = depth.take(pixel) * cloud.image.depth_unit_m * is_inside
+    # The samples (9, M): the first row is the points themselves.
+    sample_x = x + dx
+    sample_y = y + dy
+    u = sample_x / z * K[0, 0] + K[0, 2] + 0.5
+    v = sample_y / z * K[1, 1] + K[1, 2] + 0.5
+    height, width = depth.shape
+    is_inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    row = np.where(is_inside, v, 0).astype(np.intp)
+    column = np.where(is_inside, u, 0).astype(np.intp)
+    measured_z = depth.take(row * width + column) * cloud.image.depth_unit_m * is_inside
     is_measured = measured_z > 0
     if np.isfinite(min_z_m):
         a, b, c = T[2, :3]
-        is_measured &= T[2, 3] + measured_z * (a * (x + dx) / z + b * (y + dy) / z + c) > min_z_m
+        is_measured &= T[2, 3] + measured_z * (a * sample_x / z + b * sample_y / z + c) > min_z_m
     is_checked = is_measured[0] & (is_measured.sum(axis=0) >= MIN_MEASURED)
     is_free = is_checked & (~is_measured | (measured_z > z + radius)).all(axis=0)
     return visible[is_checked], visible[is_free]
@@ -234,4 +271,5 @@ def _upper_median(values: NDArray[np.float64], weights: NDArray[np.int64]) -> fl
     if weights.sum() == 0:
         return 0.0
     order = np.argsort(values)
-    return float(values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2, side="right")])
+    middle = np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2, side="right")
+    return float(values[order][middle])

@@ -51,6 +51,7 @@ def merge_clouds(
             f"the views together have {has_side.sum()} points above the table, more than {MAX_POINTS}: "
             "check the height of the table, the workspace and the radius of the string"
         )
-    points, normals = points[has_side], normals[has_side] / length[has_side]
+    points = points[has_side]
+    normals = normals[has_side] / length[has_side]
     is_inlier = inlier_mask(points)
     return points[is_inlier], normals[is_inlier]

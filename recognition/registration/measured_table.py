@@ -33,6 +33,8 @@ MAX_NEAR_RAD = 0.005
 """Maximum angle of two planes for which the views are not preprocessed again, radians."""
 MEDIAN_CHI2 = 2.37
 """Median of the squared Mahalanobis norm of three Gaussian errors."""
+MIN_SLOPE = 1e-12
+"""Lower limit of the slope by which the tilt is divided. It keeps the rotation of a level plane finite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +72,10 @@ class MeasuredTable:
     @property
     def T_base_table(self) -> NDArray[np.float64]:
         """(4, 4) motion of the given plane to the measured one, base to base, metres."""
-        slope = max(float(np.hypot(self.offset[0], self.offset[1])), 1e-12)
-        T = from_rotation_vector((0, 0, 0), np.array([self.offset[0], self.offset[1], 0.0]) * self.tilt_rad / slope)
-        T[:3, 3] = self.centre + (0.0, 0.0, self.height_m) - T[:3, :3] @ self.centre
+        slope_y, minus_slope_x, height_m = self.offset
+        slope = max(float(np.hypot(slope_y, minus_slope_x)), MIN_SLOPE)
+        T = from_rotation_vector((0, 0, 0), np.array([slope_y, minus_slope_x, 0.0]) * self.tilt_rad / slope)
+        T[:3, 3] = self.centre + (0.0, 0.0, height_m) - T[:3, :3] @ self.centre
         return T
 
     def pose_covariance(self, covariance: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -152,7 +155,8 @@ def locate_table(
         limit = MAX_SIGMA**2 * max(float(np.median(squares)) / MEDIAN_CHI2, 1.0)
         if len(G) == min_views or squares[worst] < limit:
             break
-        G, y = np.delete(G, worst, axis=0), np.delete(y, worst, axis=0)
+        G = np.delete(G, worst, axis=0)
+        y = np.delete(y, worst, axis=0)
     total = float(squares.sum() + state[3:] @ sigmas.shared_information @ state[3:])
     scale = max(total / max(3 * len(G) - 3, 1), 1.0)
     covariance = np.asarray(scale * np.linalg.inv(information)[:3, :3], dtype=np.float64)
@@ -169,7 +173,9 @@ def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> Me
         table_z_m: Given height of the table, metres, base frame.
     """
     table = locate_table([plane for plane in planes if plane is not None], table_z_m)
-    return table if table is not None and table.is_elsewhere else None
+    if table is None or not table.is_elsewhere:
+        return None
+    return table
 
 
 def refuse_doubtful_table(table: MeasuredTable, planes: Sequence[ViewPlane | None]) -> None:
@@ -203,7 +209,8 @@ def describe_table(table: MeasuredTable) -> str:
 
 def is_near(T_a: NDArray[np.float64], T_b: NDArray[np.float64], planes: Sequence[ViewPlane | None]) -> bool:
     """Return whether two poses (4, 4) of the table give nearly the same plane where the views show it."""
-    normal_a, normal_b = T_a[:3, 2], T_b[:3, 2]
+    normal_a = T_a[:3, 2]
+    normal_b = T_b[:3, 2]
     if float(np.linalg.norm(np.cross(normal_a, normal_b))) > MAX_NEAR_RAD:
         return False
     centres = np.array([plane.centre for plane in planes if plane is not None]).reshape(-1, 3)
@@ -219,21 +226,28 @@ def _equations(
     The state is the offset of the table (3), the hand-eye error (6) and the disparity offset (1).
     """
     heights = [plane.height_at(centre[:2]) - centre[2] for plane in planes]
-    measured = np.array([(plane.slope[1], -plane.slope[0], z) for plane, z in zip(planes, heights, strict=True)])
+    slope_x, slope_y = np.array([plane.slope for plane in planes]).T
+    measured = np.column_stack([slope_y, -slope_x, heights])
     T = np.array([plane.T_base_camera for plane in planes])
-    R, lever = T[:, :3, :3], centre - T[:, :3, 3]
+    R = T[:, :3, :3]
+    lever = centre - T[:, :3, 3]
     # The true plane is the measured one moved by the pose error, a twist about the camera.
     by_pose = np.zeros((len(planes), 3, 6))
     by_pose[:, :2, :2] = np.eye(2)
-    by_pose[:, 2, :3], by_pose[:, 2, 5] = -cross_matrix(lever)[:, 2], 1.0
+    by_pose[:, 2, :3] = -cross_matrix(lever)[:, 2]
+    by_pose[:, 2, 5] = 1.0
     # A disparity offset moves a point by its depth times its ray. The derivative of the height is the tilt.
-    x, y, _ = axis = R[:, :, 2].T
-    by_disparity = np.stack([y, -x, (lever * axis.T).sum(axis=1)], axis=1) * lever[:, 2:]
+    axis = R[:, :, 2]
+    x, y, _ = axis.T
+    by_disparity = np.stack([y, -x, (lever * axis).sum(axis=1)], axis=1) * lever[:, 2:]
     G = np.zeros((len(planes), 3, 3 + N_SHARED))
     G[:, :, :3] = np.eye(3)
-    G[:, :, 3:6], G[:, :, 6:9], G[:, :, 9] = -by_pose[..., :3] @ R, -by_pose[..., 3:] @ R, -by_disparity
+    G[:, :, 3:6] = -by_pose[..., :3] @ R
+    G[:, :, 6:9] = -by_pose[..., 3:] @ R
+    G[:, :, 9] = -by_disparity
     robot = np.repeat([sigmas.robot_rad, sigmas.robot_m], 3) ** 2
     fit = np.array([sigmas.table_rad, sigmas.table_rad, sigmas.table_m]) ** 2
-    whitening = np.linalg.inv(np.linalg.cholesky(by_pose * robot @ by_pose.swapaxes(1, 2) + np.diag(fit)))
+    covariance = by_pose * robot @ by_pose.swapaxes(1, 2) + np.diag(fit)
+    whitening = np.linalg.inv(np.linalg.cholesky(covariance))
     weighted: NDArray[np.float64] = np.einsum("vij,vj->vi", whitening, measured)
     return np.asarray(whitening @ G, dtype=np.float64), weighted

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,9 +11,16 @@ from numpy.typing import NDArray
 from calibration.geometry.se3 import pose_from_twist
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.plane_fit import median_sigma
 from recognition.registration.correlated_errors import pose_covariance
-from recognition.registration.correspondences import MAX_ANCHORS, Correspondences, anchor_points, find_correspondences
-from recognition.registration.pose_prior import N_SHARED, PosePrior
+from recognition.registration.correspondences import (
+    MAX_ANCHORS,
+    ComparedViews,
+    Correspondences,
+    anchor_points,
+    find_correspondences,
+)
+from recognition.registration.pose_prior import N_SHARED, PosePrior, twist_entries
 
 
 class SearchSettings(NamedTuple):
@@ -41,6 +49,8 @@ FINE_SEARCH = SearchSettings(max_distance_radii=0.35, min_cosine=0.8, max_anchor
 """Search of the last pass. Points that remain far apart after convergence are not on the same surface."""
 CONVERGED_M = 0.0004
 """The poses have converged if a pass moves the points by less than this on average."""
+DISPLACEMENT_POINTS = 50
+"""Maximum number of points of each view whose displacement is averaged."""
 N_REWEIGHTINGS = 2
 """Number of iterations of reweighted least squares in a pass."""
 
@@ -61,12 +71,24 @@ class Alignment:
     """(V,) Mahalanobis norm of the 6D robot error of each view."""
 
 
+@dataclass(frozen=True)
+class _Overlap:
+    """Point pairs of two views."""
+
+    source: int
+    """List index of the source view."""
+    target: int
+    """List index of the target view."""
+    rows: slice
+    """Rows of the point pairs."""
+
+
 @dataclass(frozen=True, eq=False)
 class _LinearResiduals:
     """Linearised distances `residual + J (x_source - x_target)` of M point pairs, where x is the twist of a view."""
 
-    overlaps: tuple[tuple[int, int, slice], ...]
-    """List index of the source view, list index of the target view, and rows of the point pairs, for each overlap."""
+    overlaps: tuple[_Overlap, ...]
+    """Overlaps of two views, in the order of their rows."""
     J: NDArray[np.float64]
     """(M, 6) Jacobian with respect to the twist of the source view."""
     residual: NDArray[np.float64]
@@ -77,17 +99,115 @@ class _LinearResiduals:
     def evaluate(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the signed distances (M,) at `state`, metres."""
         twists = _view_twists(state)
-        changes = [self.J[rows] @ (twists[i] - twists[j]) for i, j, rows in self.overlaps]
+        changes = [self.J[pairs.rows] @ (twists[pairs.source] - twists[pairs.target]) for pairs in self.overlaps]
         return self.residual + np.concatenate(changes)
 
 
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """Estimate of the state."""
+
+    state: NDArray[np.float64]
+    """(6 V + 7,) state."""
+    information: NDArray[np.float64]
+    """(6 V + 7, 6 V + 7) information matrix of the state."""
+    is_improved: bool
+    """Whether surfaces determined the state; False if only the prior did."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The views to align, and how their point pairs depend on the state."""
+
+    views: ComparedViews
+    """The V views."""
+    centre: NDArray[np.float64]
+    """(3,) point about which the corrections rotate, metres, base frame."""
+    parameters: ChainParameters
+    """Method parameters; uses the radius r."""
+
+    @property
+    def clouds(self) -> Sequence[NormalCloud]:
+        """Clouds of the views at the given poses, base frame."""
+        return self.views.clouds
+
+    @cached_property
+    def view_share(self) -> NDArray[np.float64]:
+        """(V,) share of the errors of each view that each of its overlaps has.
+
+        The errors of a view enter all its overlaps. Among d partners, each overlap therefore has the share 1 / (d + 1)
+        of each of its two views. If all V views are compared with each other, the two shares are 2 / V.
+        """
+        return 1 / (1 + self.views.is_compared.sum(axis=1))
+
+    def corrections(self, state: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        """Return the correction (4, 4) of each view at `state`, base to base."""
+        return correction_transforms(_view_twists(state), self.centre)
+
+    def search(self, state: NDArray[np.float64], settings: SearchSettings) -> list[Correspondences]:
+        """Return the correspondences of each view with the earlier views that it is compared with, at `state`."""
+        T = self.corrections(state)
+        found: list[Correspondences] = []
+        for k, cloud in enumerate(self.clouds):
+            earlier = np.flatnonzero(self.views.is_compared[k, :k]).tolist()
+            others = [self.clouds[j] for j in earlier]
+            T_others = [T[j] for j in earlier]
+            found += find_correspondences(cloud, others, self.parameters, *settings, T=T[k], T_others=T_others)
+        return found
+
+    def linearise(self, correspondences: Sequence[Correspondences], state: NDArray[np.float64]) -> _LinearResiduals:
+        """Linearise the distances of all point pairs at `state`."""
+        position = {cloud.view: k for k, cloud in enumerate(self.clouds)}
+        row_ends = np.cumsum([0, *(len(found.source_indices) for found in correspondences)])
+        overlaps = tuple(
+            _Overlap(position[found.source_view], position[found.target_view], slice(int(first), int(end)))
+            for found, first, end in zip(correspondences, row_ends[:-1], row_ends[1:], strict=True)
+        )
+        T = self.corrections(state)
+        source = []
+        target = []
+        shares = []
+        for pairs, found in zip(overlaps, correspondences, strict=True):
+            source.append(self._move(pairs.source, found.source_indices, T[pairs.source]))
+            target.append(self._move(pairs.target, found.target_indices, T[pairs.target]))
+            shares.append(self._weight_share(pairs, found.n_searched))
+        source_points, source_normals = np.hsplit(np.vstack(source), 2)
+        target_points, target_normals = np.hsplit(np.vstack(target), 2)
+        normal = source_normals + target_normals
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        middle = (source_points + target_points) / 2
+        J = np.hstack([np.cross(middle, normal), normal]).astype(np.float64, copy=False)
+        share = np.repeat(shares, np.diff(row_ends))
+        change = _LinearResiduals(overlaps, J, np.zeros(len(J)), share).evaluate(state)
+        residual = np.einsum("ij,ij->i", source_points - target_points, normal) - change
+        return _LinearResiduals(overlaps, J, residual, share)
+
+    def mean_displacement(self, change: NDArray[np.float64]) -> float:
+        """Return the mean displacement of the points of all views by a change of the state, metres."""
+        distances = []
+        for cloud, twist in zip(self.clouds, _view_twists(change), strict=True):
+            offsets = cloud.points[anchor_points(cloud, DISPLACEMENT_POINTS)] - self.centre
+            rotation = twist[:3]
+            translation = twist[3:]
+            distances.append(np.linalg.norm(np.cross(rotation, offsets) + translation, axis=1))
+        return float(np.concatenate(distances).mean())
+
+    def _move(self, view: int, indices: NDArray[np.intp], T: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the moved points of a view, from the centre, and their moved normals (M, 6)."""
+        # `take` copies rows several times faster than indexing.
+        points = self.clouds[view].points.take(indices, axis=0)
+        normals = self.clouds[view].normals.take(indices, axis=0)
+        return np.hstack([points @ T[:3, :3].T + (T[:3, 3] - self.centre), normals @ T[:3, :3].T])
+
+    def _weight_share(self, pairs: _Overlap, n_searched: int) -> float:
+        """Return the weight factor of each of the point pairs that a search of `n_searched` points found."""
+        n_points = len(self.clouds[pairs.source].points)
+        independent_share = min(INDEPENDENT_SHARE * n_points / n_searched, 1.0)
+        return independent_share * (self.view_share[pairs.source] + self.view_share[pairs.target])
+
+
 def align_views(
-    clouds: Sequence[NormalCloud],
-    correspondences: Sequence[Correspondences],
-    is_compared: NDArray[np.bool_],
-    centre: NDArray[np.float64],
-    prior: PosePrior,
-    parameters: ChainParameters,
+    views: ComparedViews, centre: NDArray[np.float64], prior: PosePrior, parameters: ChainParameters
 ) -> Alignment:
     """Estimate the poses that minimise the distances between all overlapping views and the cost of the prior.
 
@@ -97,9 +217,7 @@ def align_views(
     closer than at the given poses, the given poses are kept.
 
     Args:
-        clouds: The V views at the given poses, base frame.
-        correspondences: Correspondences of the first pass.
-        is_compared: (V, V) mask of the views that are compared with each other, from `compared_views`.
+        views: The V views, with the correspondences of the first pass.
         centre: (3,) point about which the corrections rotate, metres, base frame.
         prior: Prior of the state, about the same centre.
         parameters: Method parameters; uses the radius r.
@@ -110,36 +228,55 @@ def align_views(
     Source:
         Replaces the pairwise ICP of section II.E.
     """
-    given_state = np.zeros(len(prior.gradient))
-    state = np.asarray(-np.linalg.solve(prior.information, prior.gradient), dtype=np.float64)
-    information = prior.information
-    is_improved = False
-    current = list(correspondences)
-    if current:
-        given_residuals = _linearise(clouds, current, is_compared, given_state, centre)
-        previous, (state, information) = given_state, _solve_reweighted(given_residuals, state, prior)
-        for _ in range(MAX_COARSE_PASSES):
-            if _mean_displacement(clouds, state - previous, centre) < CONVERGED_M:
-                break
-            current = _search_all(clouds, is_compared, state, centre, parameters, COARSE_SEARCH) or current
-            residuals = _linearise(clouds, current, is_compared, state, centre)
-            previous, (state, information) = state, _solve_reweighted(residuals, state, prior)
-        current = _search_all(clouds, is_compared, state, centre, parameters, FINE_SEARCH) or current
-        residuals = _linearise(clouds, current, is_compared, state, centre)
-        state, information = _solve_reweighted(residuals, state, prior)
-        n_searched = sum(overlap.n_searched for overlap in correspondences)
-        given_distance = _mean_surface_distance(given_residuals, given_state, correspondences, n_searched, parameters)
-        distance = _mean_surface_distance(residuals, state, current, n_searched, parameters)
-        is_improved = distance <= given_distance
-        if not is_improved:
-            state, information = given_state, prior.information
+    prior_mean = np.asarray(-np.linalg.solve(prior.information, prior.gradient), dtype=np.float64)
+    estimate = _Estimate(prior_mean, prior.information, is_improved=False)
+    if views.correspondences:
+        estimate = _fit_surfaces(_Problem(views, centre, parameters), prior, prior_mean)
+    state = estimate.state
+    hand_eye_information = None
+    if estimate.is_improved:
+        hand_eye_information = _marginal_hand_eye_information(estimate.information)
+    T_base_camera = [cloud.T_base_camera for cloud in views.clouds]
     return Alignment(
         twists=_view_twists(state),
-        covariance=pose_covariance(state, information, prior, [cloud.T_base_camera for cloud in clouds]),
+        covariance=pose_covariance(state, estimate.information, prior, T_base_camera),
         hand_eye_error=state[-N_SHARED:-1],
-        hand_eye_information=_marginal_hand_eye_information(information) if is_improved else None,
+        hand_eye_information=hand_eye_information,
         robot_errors=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot_errors]),
     )
+
+
+def _fit_surfaces(problem: _Problem, prior: PosePrior, initial_state: NDArray[np.float64]) -> _Estimate:
+    """Return the state that aligns the surfaces, or the given poses if the surfaces are not closer there."""
+    correspondences = problem.views.correspondences
+    given_state = np.zeros(len(prior.gradient))
+    given_residuals = problem.linearise(correspondences, given_state)
+    previous = given_state
+    state, _ = _solve_reweighted(given_residuals, initial_state, prior)
+    # A search without any result keeps the correspondences of the last one.
+    current = correspondences
+    for _ in range(MAX_COARSE_PASSES):
+        if problem.mean_displacement(state - previous) < CONVERGED_M:
+            break
+        current = problem.search(state, COARSE_SEARCH) or current
+        residuals = problem.linearise(current, state)
+        previous = state
+        state, _ = _solve_reweighted(residuals, state, prior)
+    current = problem.search(state, FINE_SEARCH) or current
+    residuals = problem.linearise(current, state)
+    state, information = _solve_reweighted(residuals, state, prior)
+
+    n_searched = sum(found.n_searched for found in correspondences)
+    given_margin = _surface_margin(given_residuals, given_state, correspondences, problem.parameters.r)
+    margin = _surface_margin(residuals, state, current, problem.parameters.r)
+    max_distance = FINE_SEARCH.max_distance_radii * problem.parameters.r
+    # The mean distance of the surfaces. Its divisor is the number of points of the first search for both, so a view
+    # cannot reduce the mean by moving away from the others.
+    given_distance = max_distance - given_margin / n_searched
+    distance = max_distance - margin / n_searched
+    if distance <= given_distance:
+        return _Estimate(state, information, is_improved=True)
+    return _Estimate(given_state, prior.information, is_improved=False)
 
 
 def correction_transforms(twists: NDArray[np.float64], centre: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -170,68 +307,6 @@ def _marginal_hand_eye_information(information: NDArray[np.float64]) -> NDArray[
     return information[np.ix_(own, own)] - between.T @ np.linalg.solve(information[np.ix_(rest, rest)], between)
 
 
-def _search_all(
-    clouds: Sequence[NormalCloud],
-    is_compared: NDArray[np.bool_],
-    state: NDArray[np.float64],
-    centre: NDArray[np.float64],
-    parameters: ChainParameters,
-    search: SearchSettings,
-) -> list[Correspondences]:
-    """Return the correspondences of each view with the earlier views that it is compared with, at `state`."""
-    T = correction_transforms(_view_twists(state), centre)
-    found: list[Correspondences] = []
-    for k, cloud in enumerate(clouds):
-        earlier = np.flatnonzero(is_compared[k, :k]).tolist()
-        others, T_others = [clouds[j] for j in earlier], [T[j] for j in earlier]
-        found += find_correspondences(cloud, others, parameters, *search, T[k], T_others)
-    return found
-
-
-def _linearise(
-    clouds: Sequence[NormalCloud],
-    correspondences: Sequence[Correspondences],
-    is_compared: NDArray[np.bool_],
-    state: NDArray[np.float64],
-    centre: NDArray[np.float64],
-) -> _LinearResiduals:
-    """Linearise the distances of all point pairs at `state`."""
-    T = correction_transforms(_view_twists(state), centre)
-    position = {cloud.view: k for k, cloud in enumerate(clouds)}
-    row_ends = np.cumsum([0, *(len(overlap.source_indices) for overlap in correspondences)])
-    overlaps = tuple(
-        (position[overlap.source_view], position[overlap.target_view], slice(int(first), int(end)))
-        for overlap, first, end in zip(correspondences, row_ends[:-1], row_ends[1:], strict=True)
-    )
-    paired = list(zip(overlaps, correspondences, strict=True))
-    source = np.vstack([_move(clouds[i], overlap.source_indices, T[i], centre) for (i, _, _), overlap in paired])
-    target = np.vstack([_move(clouds[j], overlap.target_indices, T[j], centre) for (_, j, _), overlap in paired])
-    normal = source[:, 3:] + target[:, 3:]
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    (x, y, z), (n_x, n_y, n_z) = (source[:, :3] + target[:, :3]).T / 2, normal.T
-    J = np.column_stack([y * n_z - z * n_y, z * n_x - x * n_z, x * n_y - y * n_x, normal])
-    # The errors of a view enter all its overlaps. Among d partners, each overlap therefore has the share 1 / (d + 1) of
-    # each of its two views. If all V views are compared with each other, this is 2 / V.
-    view_share = 1 / (1 + is_compared.sum(axis=1))
-    shares = [
-        min(INDEPENDENT_SHARE * len(clouds[i].points) / overlap.n_searched, 1.0) * (view_share[i] + view_share[j])
-        for (i, j, _), overlap in paired
-    ]
-    share = np.repeat(shares, np.diff(row_ends))
-    change = _LinearResiduals(overlaps, J, np.zeros(len(J)), share).evaluate(state)
-    residual = np.einsum("ij,ij->i", source[:, :3] - target[:, :3], normal) - change
-    return _LinearResiduals(overlaps, J, residual, share)
-
-
-def _move(
-    cloud: NormalCloud, indices: NDArray[np.intp], T: NDArray[np.float64], centre: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the moved points, from `centre`, and their moved normals (M, 6)."""
-    # `take` copies rows several times faster than indexing.
-    points, normals = cloud.points.take(indices, axis=0), cloud.normals.take(indices, axis=0)
-    return np.hstack([points @ T[:3, :3].T + (T[:3, 3] - centre), normals @ T[:3, :3].T])
-
-
 def _solve_reweighted(
     residuals: _LinearResiduals, state: NDArray[np.float64], prior: PosePrior
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -239,14 +314,18 @@ def _solve_reweighted(
     information = prior.information
     for _ in range(N_REWEIGHTINGS):
         distance = residuals.evaluate(state)
-        sigma = max(1.4826 * float(np.median(np.abs(distance))), MIN_SIGMA_M)
-        weight = np.clip(1 - (distance / (TUKEY_CONSTANT * sigma)) ** 2, 0, 1) ** 2 * (residuals.share / sigma**2)
+        sigma = max(median_sigma(distance), MIN_SIGMA_M)
+        tukey = np.clip(1 - (distance / (TUKEY_CONSTANT * sigma)) ** 2, 0, 1) ** 2
+        weight = tukey * (residuals.share / sigma**2)
         weighted_J = residuals.J * weight[:, None]
         row_gradients = weighted_J * distance[:, None]
-        information, gradient = prior.information.copy(), prior.gradient + prior.information @ state
-        for i, j, rows in residuals.overlaps:
-            source, target = slice(6 * i, 6 * i + 6), slice(6 * j, 6 * j + 6)
-            H, g = weighted_J[rows].T @ residuals.J[rows], row_gradients[rows].sum(axis=0)
+        information = prior.information.copy()
+        gradient = prior.gradient + prior.information @ state
+        for pairs in residuals.overlaps:
+            source = twist_entries(pairs.source)
+            target = twist_entries(pairs.target)
+            H = weighted_J[pairs.rows].T @ residuals.J[pairs.rows]
+            g = row_gradients[pairs.rows].sum(axis=0)
             information[source, source] += H
             information[target, target] += H
             information[source, target] -= H
@@ -257,34 +336,16 @@ def _solve_reweighted(
     return state, information
 
 
-def _mean_surface_distance(
-    residuals: _LinearResiduals,
-    state: NDArray[np.float64],
-    correspondences: Sequence[Correspondences],
-    n_searched: int,
-    parameters: ChainParameters,
+def _surface_margin(
+    residuals: _LinearResiduals, state: NDArray[np.float64], correspondences: Sequence[Correspondences], r: float
 ) -> float:
-    """Return the mean distance between the surfaces over `n_searched` points, metres.
+    """Return by how much the pairs are closer than the maximum distance of the fine search: the sum over them, metres.
 
-    Only pairs that the fine search accepts are used. A point without such a pair has the maximum distance of the fine
-    search. `n_searched` is the number of source points in the first pass, so a view cannot reduce the mean by moving
-    away from the others.
+    Only pairs that the fine search accepts count. A point without such a pair has the maximum distance.
     """
-    max_distance = FINE_SEARCH.max_distance_radii * parameters.r
+    max_distance = FINE_SEARCH.max_distance_radii * r
     is_accepted = np.concatenate(
-        [(overlap.distances < max_distance) & (overlap.cosines > FINE_SEARCH.min_cosine) for overlap in correspondences]
+        [(found.distances < max_distance) & (found.cosines > FINE_SEARCH.min_cosine) for found in correspondences]
     )
-    margin = float(np.maximum(max_distance - np.abs(residuals.evaluate(state)), 0)[is_accepted].sum())
-    return max_distance - margin / n_searched
-
-
-def _mean_displacement(
-    clouds: Sequence[NormalCloud], change: NDArray[np.float64], centre: NDArray[np.float64]
-) -> float:
-    """Return the mean displacement of the points of all views by a change of the state, metres."""
-    distances = []
-    for k, cloud in enumerate(clouds):
-        offsets = cloud.points[anchor_points(cloud, 50)] - centre
-        rotation, translation = change[6 * k : 6 * k + 3], change[6 * k + 3 : 6 * k + 6]
-        distances.append(np.linalg.norm(np.cross(rotation, offsets) + translation, axis=1))
-    return float(np.concatenate(distances).mean())
+    margins = np.maximum(max_distance - np.abs(residuals.evaluate(state)), 0)
+    return float(margins[is_accepted].sum())

@@ -83,8 +83,10 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
     per_sigma = np.repeat([1 / sigmas.robot_rad, 1 / sigmas.robot_m], 3)
     robot_errors = []
     for k, cloud in enumerate(clouds):
-        own = slice(6 * k, 6 * k + 6)
-        T = from_rotation_vector(centre, np.zeros(3)) if cloud.T_base_camera is None else cloud.T_base_camera
+        own = twist_entries(k)
+        T = cloud.T_base_camera
+        if T is None:
+            T = from_rotation_vector(centre, np.zeros(3))
         rotation = np.kron(np.eye(2), T[:3, :3])
         # Convert a twist about the centre to a twist about the camera, because the errors are defined at the camera.
         to_camera = adjoint(from_rotation_vector(centre - T[:3, 3], np.zeros(3)))
@@ -102,6 +104,11 @@ def pose_prior(clouds: Sequence[NormalCloud], centre: NDArray[np.float64], sigma
             information[own, own] += np.diag(table**-2.0)
         robot_errors.append((D, d))
     return PosePrior(information, gradient, tuple(robot_errors))
+
+
+def twist_entries(view: int) -> slice:
+    """Return the entries of the state that are the twist of a view, by its list index."""
+    return slice(6 * view, 6 * view + 6)
 
 
 def given_pose_covariance(cloud: NormalCloud, centre: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,7 +15,12 @@ from recognition.model.findings import Finding, finding
 from recognition.model.quality import ExclusionReason, ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.correspondences import Correspondences, compared_views, find_correspondences
+from recognition.registration.correspondences import (
+    ComparedViews,
+    Correspondences,
+    compared_views,
+    find_correspondences,
+)
 from recognition.registration.free_space_check import find_inconsistent_views
 from recognition.registration.fusion import merge_clouds
 from recognition.registration.hand_eye_error import HandEyeErrorEstimate, estimate_hand_eye_error
@@ -98,31 +103,25 @@ def register(
         Section II.E. The joint least squares, the prior and the checks are not in the paper.
     """
     sigmas = sigmas or PoseSigmas()
-    order = np.argsort([cloud.view for cloud in clouds])
-    is_compared = compared_views(clouds)[np.ix_(order, order)]
-    clouds = [clouds[k] for k in order]
-    if correspondences is None:
-        correspondences = _find_all_correspondences(clouds, is_compared, parameters)
-    centre = np.vstack([cloud.points for cloud in clouds]).mean(axis=0)
-
-    alignment, registered = _align(clouds, correspondences, is_compared, centre, parameters, sigmas)
+    views = _sort_views(clouds, correspondences, parameters)
+    centre = np.vstack([cloud.points for cloud in views.clouds]).mean(axis=0)
+    alignment, registered = _align(views, centre, parameters, sigmas)
 
     reasons = find_inconsistent_views(registered, alignment.robot_errors, parameters, table_z_m)
-    kept = [k for k, cloud in enumerate(clouds) if cloud.view not in reasons]
-    used = [clouds[k] for k in kept]
+    excluded_qualities = _excluded_qualities(views.clouds, reasons)
     if reasons:
-        is_compared = is_compared[np.ix_(kept, kept)]
-        correspondences = _exclude_views(correspondences, reasons)
-        alignment, registered = _align(used, correspondences, is_compared, centre, parameters, sigmas)
-    drift = _find_drift(alignment.hand_eye_error, sigmas)
+        views = views.without(reasons)
+        alignment, registered = _align(views, centre, parameters, sigmas)
 
+    # The drift is judged by the given sigmas.
+    drift = _find_drift(alignment.hand_eye_error, sigmas)
     looser_sigmas = _loosen_sigmas(sigmas, alignment.robot_errors)
     if looser_sigmas is not None:
         sigmas = looser_sigmas
-        alignment, registered = _align(used, correspondences, is_compared, centre, parameters, sigmas)
+        alignment, registered = _align(views, centre, parameters, sigmas)
 
     points, normals = merge_clouds(registered, parameters)
-    qualities = evaluate_fitness(used, registered, parameters) + _excluded_qualities(clouds, reasons)
+    qualities = evaluate_fitness(views.clouds, registered, parameters) + excluded_qualities
     return Registration(
         points=points,
         normals=normals,
@@ -137,13 +136,29 @@ def register(
 
 def transform_cloud(cloud: NormalCloud, T: NDArray[np.float64]) -> NormalCloud:
     """Apply the motion `T` (4, 4), base to base, to the points, normals and poses of a cloud."""
+    T_base_camera = cloud.T_base_camera
+    if T_base_camera is not None:
+        T_base_camera = T @ T_base_camera
     return replace(
         cloud,
         points=transform_points(T, cloud.points),
         normals=cloud.normals @ T[:3, :3].T,
         T_correction=T @ cloud.T_correction,
-        T_base_camera=None if cloud.T_base_camera is None else T @ cloud.T_base_camera,
+        T_base_camera=T_base_camera,
     )
+
+
+def _sort_views(
+    clouds: Sequence[NormalCloud], correspondences: Sequence[Correspondences] | None, parameters: ChainParameters
+) -> ComparedViews:
+    """Return the views in the order of their indices. The correspondences are searched if they are None."""
+    order = np.argsort([cloud.view for cloud in clouds])
+    # Which views are compared depends on their order of arrival.
+    is_compared = compared_views(clouds)[np.ix_(order, order)]
+    clouds = [clouds[k] for k in order]
+    if correspondences is None:
+        correspondences = _find_all_correspondences(clouds, is_compared, parameters)
+    return ComparedViews(clouds, is_compared, correspondences)
 
 
 def _find_all_correspondences(
@@ -158,29 +173,13 @@ def _find_all_correspondences(
 
 
 def _align(
-    clouds: Sequence[NormalCloud],
-    correspondences: Sequence[Correspondences],
-    is_compared: NDArray[np.bool_],
-    centre: NDArray[np.float64],
-    parameters: ChainParameters,
-    sigmas: PoseSigmas,
+    views: ComparedViews, centre: NDArray[np.float64], parameters: ChainParameters, sigmas: PoseSigmas
 ) -> tuple[Alignment, list[NormalCloud]]:
     """Return the alignment of the views, and the clouds at their aligned poses."""
-    prior = pose_prior(clouds, centre, sigmas)
-    alignment = align_views(clouds, correspondences, is_compared, centre, prior, parameters)
+    prior = pose_prior(views.clouds, centre, sigmas)
+    alignment = align_views(views, centre, prior, parameters)
     corrections = correction_transforms(alignment.twists, centre)
-    return alignment, [transform_cloud(cloud, T) for cloud, T in zip(clouds, corrections, strict=True)]
-
-
-def _exclude_views(
-    correspondences: Sequence[Correspondences], reasons: Mapping[int, ExclusionReason]
-) -> list[Correspondences]:
-    """Return the correspondences between views that are not excluded."""
-    return [
-        overlap
-        for overlap in correspondences
-        if overlap.source_view not in reasons and overlap.target_view not in reasons
-    ]
+    return alignment, [transform_cloud(cloud, T) for cloud, T in zip(views.clouds, corrections, strict=True)]
 
 
 def _loosen_sigmas(sigmas: PoseSigmas, robot_errors: NDArray[np.float64]) -> PoseSigmas | None:
@@ -205,15 +204,14 @@ def _excluded_qualities(clouds: Sequence[NormalCloud], reasons: Mapping[int, Exc
 
 def _find_drift(hand_eye_error: NDArray[np.float64], sigmas: PoseSigmas) -> Finding | None:
     """Return a finding if the hand-eye error (6,) is larger than a good calibration allows."""
-    rotation, translation = hand_eye_error[:3], hand_eye_error[3:]
-    length = float(
-        np.hypot(np.linalg.norm(rotation) / sigmas.hand_eye_rad, np.linalg.norm(translation) / sigmas.hand_eye_m)
-    )
-    if length <= MAX_HAND_EYE_ERROR_SIGMA:
+    angle_rad = np.linalg.norm(hand_eye_error[:3])
+    distance_m = np.linalg.norm(hand_eye_error[3:])
+    error_sigma = float(np.hypot(angle_rad / sigmas.hand_eye_rad, distance_m / sigmas.hand_eye_m))
+    if error_sigma <= MAX_HAND_EYE_ERROR_SIGMA:
         return None
     message = (
-        f"the calibration has drifted: the views agree best with the camera {np.linalg.norm(translation) * 1000:.1f} "
-        f"mm and {np.degrees(np.linalg.norm(rotation)):.2f} degrees from its calibrated pose, {length:.0f} sigma of a "
-        "good calibration; calibrate again"
+        f"the calibration has drifted: the views agree best with the camera {distance_m * 1000:.1f} mm and "
+        f"{np.degrees(angle_rad):.2f} degrees from its calibrated pose, {error_sigma:.0f} sigma of a good calibration; "
+        "calibrate again"
     )
-    return finding("calibration-drift", message, value=length, limit=MAX_HAND_EYE_ERROR_SIGMA)
+    return finding("calibration-drift", message, value=error_sigma, limit=MAX_HAND_EYE_ERROR_SIGMA)

@@ -40,18 +40,27 @@ def estimate_table_error(table: MeasuredTable) -> TableErrorEstimate:
     Height and tilt are judged separately. Both hypotheses are Gaussian: the measured offset has the covariance of the
     pose errors, or that covariance plus the one of a plane that is off.
     """
+    tilt = _estimate_part(table.offset[:2], table.covariance[:2, :2], WRONG_TILT_RAD)
+    height = _estimate_part(table.offset[2:], table.covariance[2:, 2:], WRONG_HEIGHT_M)
     covariance = np.zeros((3, 3))
-    probabilities = []
-    for axes, sigma in ((np.array([2]), WRONG_HEIGHT_M), (np.array([0, 1]), WRONG_TILT_RAD)):
-        block = np.ix_(axes, axes)
-        offset, exact, prior = table.offset[axes], table.covariance[block], np.eye(len(axes)) * sigma**2
-        gain = prior @ np.linalg.inv(exact + prior)
-        log_odds = _log_density(offset, exact + prior) - _log_density(offset, exact)
-        probability = float(expit(log_odds + np.log(WRONG_SHARE / (1 - WRONG_SHARE))))
-        error = gain @ offset
-        covariance[block] = probability * (prior - gain @ prior + np.outer(error, error))
-        probabilities.append(probability)
-    return TableErrorEstimate(covariance, max(probabilities))
+    covariance[:2, :2] = tilt.covariance
+    covariance[2:, 2:] = height.covariance
+    return TableErrorEstimate(covariance, max(height.probability, tilt.probability))
+
+
+def _estimate_part(offset: NDArray[np.float64], exact: NDArray[np.float64], wrong_sigma: float) -> TableErrorEstimate:
+    """Return the error that a part (N,) of the given plane may have.
+
+    `exact` (N, N) is the covariance of the measured offset if the given plane is exact, and `wrong_sigma` the standard
+    deviation of an error of a plane that is off.
+    """
+    prior = np.eye(len(offset)) * wrong_sigma**2
+    log_odds = _log_density(offset, exact + prior) - _log_density(offset, exact)
+    probability = float(expit(log_odds + np.log(WRONG_SHARE / (1 - WRONG_SHARE))))
+    gain = prior @ np.linalg.inv(exact + prior)
+    error = gain @ offset
+    covariance = probability * (prior - gain @ prior + np.outer(error, error))
+    return TableErrorEstimate(covariance, probability)
 
 
 def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:

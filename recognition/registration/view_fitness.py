@@ -43,27 +43,33 @@ def evaluate_fitness(
     points = np.vstack([view.points[chosen] for view, chosen in zip(registered, anchors, strict=True)])
     normals = np.vstack([view.normals[chosen] for view, chosen in zip(registered, anchors, strict=True)])
     is_partner = _partners(len(registered))
-    nearest_distance, residual = np.full(len(points), np.inf), np.zeros(len(points))
+    n_anchors = np.diff(ends, prepend=0)
+    nearest_distance = np.full(len(points), np.inf)
+    residual = np.zeros(len(points))
     for j, other in enumerate(registered):
         # One search for the anchor points of all views that are compared with view j.
-        compared = np.flatnonzero(np.repeat(is_partner[:, j], np.diff(ends, prepend=0)))
-        distance, nearest = clouds[j].tree.query(
-            transform_points(T_unregistered[j], points[compared]), distance_upper_bound=parameters.r
-        )
+        compared = np.flatnonzero(np.repeat(is_partner[:, j], n_anchors))
+        unregistered = transform_points(T_unregistered[j], points[compared])
+        distance, nearest = clouds[j].tree.query(unregistered, distance_upper_bound=parameters.r)
         is_nearer = np.asarray(distance) < nearest_distance[compared]
-        nearer, distance, partner = compared[is_nearer], np.asarray(distance)[is_nearer], np.asarray(nearest)[is_nearer]
+        nearer = compared[is_nearer]
+        distance = np.asarray(distance)[is_nearer]
+        partner = np.asarray(nearest)[is_nearer]
         is_aligned = np.vecdot(normals[nearer], other.normals[partner]) > MIN_COSINE
-        nearer, distance, partner = nearer[is_aligned], distance[is_aligned], partner[is_aligned]
-        normal = normals[nearer] + other.normals[partner]
-        offset = points[nearer] - other.points[partner]
-        nearest_distance[nearer] = distance
-        residual[nearer] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
-    n_compared = np.diff(ends, prepend=0) * (len(registered) > 1)
-    own = [slice(end - len(chosen), end) for end, chosen in zip(ends, anchors, strict=True)]
-    return [
-        _view_quality(view, residual[rows][np.isfinite(nearest_distance[rows])], int(compared))
-        for view, rows, compared in zip(registered, own, n_compared, strict=True)
-    ]
+        fitting = nearer[is_aligned]
+        partner = partner[is_aligned]
+        normal = normals[fitting] + other.normals[partner]
+        offset = points[fitting] - other.points[partner]
+        nearest_distance[fitting] = distance[is_aligned]
+        residual[fitting] = np.vecdot(offset, normal) / np.sqrt(np.vecdot(normal, normal))
+    # A single view is compared with no other one.
+    n_compared = n_anchors * (len(registered) > 1)
+    qualities = []
+    for k, view in enumerate(registered):
+        own = slice(ends[k] - n_anchors[k], ends[k])
+        residuals = residual[own][np.isfinite(nearest_distance[own])]
+        qualities.append(_view_quality(view, residuals, int(n_compared[k])))
+    return qualities
 
 
 def _partners(n_views: int) -> NDArray[np.bool_]:
@@ -71,20 +77,28 @@ def _partners(n_views: int) -> NDArray[np.bool_]:
     is_partner = np.zeros((n_views, n_views), dtype=np.bool_)
     for view in range(n_views):
         others = np.delete(np.arange(n_views), view)
-        is_partner[view, others[np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others))).astype(np.intp)]] = True
+        chosen = np.linspace(0, len(others) - 1, min(MAX_PARTNERS, len(others))).astype(np.intp)
+        is_partner[view, others[chosen]] = True
     return is_partner
 
 
 def _view_quality(view: NormalCloud, residuals: NDArray[np.float64], n_compared: int) -> ViewQuality:
     """Return the quality of a view from the residuals of the fitting ones of `n_compared` anchor points."""
+    fitness = None
+    if n_compared:
+        fitness = len(residuals) / n_compared
+    rms_m = None
+    if len(residuals):
+        rms_m = float(np.sqrt(np.mean(residuals**2)))
     mean_point = view.points.mean(axis=0)
+    given_point = transform_points(inverse(view.T_correction), mean_point)
     return ViewQuality(
         index=view.view,
         used=True,
         reason=None,
         points=len(view.points),
-        fitness=len(residuals) / n_compared if n_compared else None,
-        rms_m=float(np.sqrt(np.mean(residuals**2))) if len(residuals) else None,
-        correction_m=float(np.linalg.norm(mean_point - transform_points(inverse(view.T_correction), mean_point))),
+        fitness=fitness,
+        rms_m=rms_m,
+        correction_m=float(np.linalg.norm(mean_point - given_point)),
         correction_rad=rotation_angle(view.T_correction),
     )
