@@ -23,6 +23,21 @@ def neighbour_pairs(points: NDArray[np.float64], radius: float) -> tuple[NDArray
     return np.concatenate([i, j, own]), np.concatenate([j, i, own])
 
 
+def pairs_between(points: KDTree, others: KDTree, radius: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return all pairs of a point and another point at most `radius` apart.
+
+    Args:
+        points: Search tree of the points.
+        others: Search tree of the other points.
+        radius: Maximum distance of a pair, metres.
+
+    Returns:
+        Indices (P,) of the point and indices (P,) of the other point of each pair.
+    """
+    pairs = points.sparse_distance_matrix(others, radius, output_type="ndarray")
+    return pairs["i"], pairs["j"]
+
+
 def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], radius: float) -> csr_array:
     """Return the sparse matrix A with A[i, j] = 1 if point j lies within `radius` of centre i.
 
@@ -41,9 +56,7 @@ def neighbour_matrix(centres: NDArray[np.float64], points: NDArray[np.float64], 
         # This search finds each pair once and computes no distance. It takes half the time.
         i, j = neighbour_pairs(points, radius)
     else:
-        pairs = KDTree(centres).sparse_distance_matrix(KDTree(points), radius, output_type="ndarray")
-        i = pairs["i"]
-        j = pairs["j"]
+        i, j = pairs_between(KDTree(centres), KDTree(points), radius)
     # The conversion to rows is faster with 32-bit indices.
     indices = (i.astype(np.int32), j.astype(np.int32))
     return csr_array((np.ones(len(i)), indices), shape=(len(centres), len(points)))

@@ -46,6 +46,28 @@ A strand that crosses another one is hidden. A strand along another one lies bes
 """
 FREE_ALONG_RADII = 3.0
 """Length of a gap along a visible string without additional cost, in radii r. Fragments may overlap by as much."""
+N_GAP_SAMPLES = 12
+"""Number of points of a gap at which the surface is examined."""
+AHEAD_RADII = np.linspace(0.5, 2.5, 5)
+"""Distances of the examined points ahead of an end, in radii r."""
+CURVATURE_SHARES = (0.0, 0.5, 1.0)
+"""Shares of the curvature of the ends with which the misfit is computed. The curvatures are inaccurate."""
+CURVATURE_COST = 0.3
+"""Cost of the full curvature, in squared sigmas."""
+POSITION_SIGMA_RADII = 0.4
+"""Standard deviation of the position of an end, in radii r."""
+POSITION_SIGMA_PER_GAP = 0.06
+"""Growth of the standard deviation of the position in the middle of a gap, per length of the gap."""
+DIRECTION_SIGMA_RAD = 0.2
+"""Standard deviation of the direction of an end, radians."""
+DIRECTION_SIGMA_RAD_PER_RADIUS = 0.06
+"""Growth of the standard deviation of the direction in the middle of a gap, radians per radius r of the gap."""
+SAME_POINT_M = 1e-9
+"""Maximum distance of two ends at the same point, metres. The direction from one to the other is undefined."""
+MIN_LENGTH = 1e-12
+"""Lower limit of the length by which a vector is divided. It keeps zero vectors zero."""
+MIN_TANGENT = 1e-9
+"""The same for the sum of two unit vectors."""
 MAX_BARE_GAP_RADII = 1.0
 """Maximum length of bare table in a gap, in radii r. Noise causes shorter holes. Bare table cannot hide a string."""
 MIN_CERTAIN_MARGIN = 2.0
@@ -113,6 +135,34 @@ class Pairing:
         return np.vstack([np.empty((0, 3)), *self.bridges.values()])
 
 
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Pairs of ends that may be joined."""
+
+    a: NDArray[np.int64]
+    """(M,) index of the first end of each pair."""
+    b: NDArray[np.int64]
+    """(M,) index of the second end of each pair."""
+    cost: NDArray[np.float64]
+    """(M,) cost of each pair, in squared sigmas."""
+    bend: NDArray[np.int64]
+    """(M,) index of the hidden bend that explains each pair, -1 for none."""
+    conflicts: NDArray[np.int64]
+    """(L, 2) indices of pairs that cannot both be joined."""
+
+    def select(self, mask: NDArray[np.bool_]) -> "_Candidates":
+        """Return the pairs in a mask (M,), and the conflicts between them."""
+        new_index = np.cumsum(mask) - 1
+        is_kept = mask[self.conflicts].all(axis=1)
+        return _Candidates(
+            a=self.a[mask],
+            b=self.b[mask],
+            cost=self.cost[mask],
+            bend=self.bend[mask],
+            conflicts=new_index[self.conflicts[is_kept]],
+        )
+
+
 def pair_ends(
     fragments: Sequence[Fragment], occlusion_map: OcclusionMap, parameters: ChainParameters, table_z_m: float = 0.0
 ) -> Pairing:
@@ -140,50 +190,50 @@ def pair_ends(
     ends = _collect_ends(fragments, parameters.r)
     if len(ends.points) < 2:
         return Pairing(ends, [], [])
-    occluded_share = _occluded_share_ahead(ends, occlusion_map, parameters.r)
-    a, b = _candidate_pairs(ends, fragments, parameters.r)
-    strings = VisibleStrings(fragments, occlusion_map.surface, parameters.r, table_z_m)
-    cost = _misfit(ends, a, b, parameters.r) + _gap_cost(ends, a, b, occlusion_map, strings, parameters.r)
-    bends = find_hidden_bends(ends.fragment, fragments, strings, occlusion_map, parameters.r)
-    a, b, cost, bend_of_pair, conflicts = _with_bends(a, b, cost, bends)
+    r = parameters.r
+    pairs = _candidate_pairs(ends, fragments, r)
+    strings = VisibleStrings(fragments, occlusion_map.surface, r, table_z_m)
+    cost = _misfit(ends, pairs, r) + _gap_cost(ends, pairs, occlusion_map, strings, r)
+    bends = find_hidden_bends(ends.fragment, fragments, strings, occlusion_map, r)
+    candidates = _with_bends(pairs, cost, bends)
+    occluded_share = _occluded_share_ahead(ends, occlusion_map, r)
     single_cost = UNPAIRED_END_COST + OCCLUDED_END_COST * np.maximum(occluded_share, bends.is_hidden_ahead)
-    gain = single_cost[a] + single_cost[b] - cost
-    has_gain = gain > 0
-    conflicts = (np.cumsum(has_gain) - 1)[conflicts[has_gain[conflicts].all(axis=1)]]
-    a, b, gain, bend_of_pair = a[has_gain], b[has_gain], gain[has_gain], bend_of_pair[has_gain]
-    matched = matching_without_conflicts(a, b, gain, conflicts)
-    margins = matching_margins(matched, a, b, gain, conflicts)
-    ambiguous = [
-        AmbiguousPair(ends.points[[a[k], b[k]]], float(margin))
-        for k, margin in zip(matched, margins, strict=True)
-        if margin < MIN_CERTAIN_MARGIN
-    ]
-    pairs = list(zip(a[matched].tolist(), b[matched].tolist(), strict=True))
-    bridges = {
-        pair: bends.curves[bend, 1:-1]
-        for pair, bend in zip(pairs, bend_of_pair[matched].tolist(), strict=True)
-        if bend >= 0
-    }
+    gain = single_cost[candidates.a] + single_cost[candidates.b] - candidates.cost
+    return _match(ends, candidates.select(gain > 0), gain[gain > 0], bends)
+
+
+def _match(ends: FragmentEnds, candidates: _Candidates, gain: NDArray[np.float64], bends: HiddenBends) -> Pairing:
+    """Return the pairs with the largest sum of gains. `gain` (M,) is the gain of each candidate."""
+    a = candidates.a
+    b = candidates.b
+    matched = matching_without_conflicts(a, b, gain, candidates.conflicts)
+    margins = matching_margins(matched, a, b, gain, candidates.conflicts)
+    pairs = []
+    ambiguous = []
+    bridges = {}
+    for k, margin in zip(matched, margins, strict=True):
+        pair = (int(a[k]), int(b[k]))
+        pairs.append(pair)
+        if margin < MIN_CERTAIN_MARGIN:
+            ambiguous.append(AmbiguousPair(ends.points[list(pair)], float(margin)))
+        bend = candidates.bend[k]
+        if bend >= 0:
+            bridges[pair] = bends.curves[bend, 1:-1]
     return Pairing(ends, pairs, ambiguous, bridges)
 
 
 def _collect_ends(fragments: Sequence[Fragment], r: float) -> FragmentEnds:
-    indices, points, directions, curvatures = [], [], [], []
+    fragment_of_end = []
+    fitted = []
     for index, fragment in enumerate(fragments):
         if fragment.closed:
             continue
-        for order in (1, -1):
-            point, direction, curvature = _fit_end(fragment.points[::order], r)
-            indices.append(index)
-            points.append(point)
-            directions.append(direction)
-            curvatures.append(curvature)
-    return FragmentEnds(
-        fragment=np.array(indices, dtype=np.int64),
-        points=np.array(points).reshape(-1, 3),
-        directions=np.array(directions).reshape(-1, 3),
-        curvatures=np.array(curvatures).reshape(-1, 3),
-    )
+        for line in (fragment.points, fragment.points[::-1]):
+            fragment_of_end.append(index)
+            fitted.append(_fit_end(line, r))
+    # The positions, the directions and the curvatures of all ends.
+    points, directions, curvatures = np.array(fitted).reshape(-1, 3, 3).swapaxes(0, 1).copy()
+    return FragmentEnds(np.array(fragment_of_end, dtype=np.int64), points, directions, curvatures)
 
 
 def _fit_end(
@@ -199,104 +249,106 @@ def _fit_end(
         Fitted position (3,) of the end, outward unit direction (3,) and curvature vector (3,), 1/m.
     """
     terms = fit_end_parabola(points, END_FIT_RADII * r, r)
-    direction = -terms[1] / max(float(np.linalg.norm(terms[1])), 1e-12)
-    curvature = 2 * terms[2] - 2 * (terms[2] @ direction) * direction
-    return terms[0], direction, curvature / max(1.0, float(np.linalg.norm(curvature)) * MIN_BEND_RADII * r)
+    position, velocity, bend = terms
+    direction = -velocity / max(float(np.linalg.norm(velocity)), MIN_LENGTH)
+    curvature = 2 * bend - 2 * (bend @ direction) * direction
+    # No bend is tighter than the minimum bend radius.
+    excess = float(np.linalg.norm(curvature)) * MIN_BEND_RADII * r
+    return position, direction, curvature / max(1.0, excess)
 
 
-def _candidate_pairs(
-    ends: FragmentEnds, fragments: Sequence[Fragment], r: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the end indices (M,) and (M,) of the candidate pairs: ends that are near and roughly face each other."""
+def _candidate_pairs(ends: FragmentEnds, fragments: Sequence[Fragment], r: float) -> NDArray[np.int64]:
+    """Return the end indices (M, 2) of the candidate pairs: ends that are near and roughly face each other."""
     a, b = np.triu_indices(len(ends.points), 1)
     may_close = np.array([arc_length(f.points)[-1] > MIN_RING_RADII * r for f in fragments], dtype=bool)
     offset = ends.points[b] - ends.points[a]
     gap = np.linalg.norm(offset, axis=1)
     is_near = (gap <= MAX_GAP_RADII * r) & ((ends.fragment[a] != ends.fragment[b]) | may_close[ends.fragment[a]])
     turn = np.maximum(_angle(offset, ends.directions[a]), _angle(-offset, ends.directions[b]))
-    is_candidate = is_near & ((turn < MAX_TURN_RAD) | (gap < 1e-9))
-    return a[is_candidate], b[is_candidate]
+    is_candidate = is_near & ((turn < MAX_TURN_RAD) | (gap < SAME_POINT_M))
+    return np.column_stack([a, b])[is_candidate]
 
 
-def _with_bends(
-    a: NDArray[np.int64], b: NDArray[np.int64], cost: NDArray[np.float64], bends: HiddenBends
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-    """Add hidden bends to the candidate pairs.
+def _with_bends(pairs: NDArray[np.int64], cost: NDArray[np.float64], bends: HiddenBends) -> _Candidates:
+    """Return the pairs (M, 2) with their costs (M,), and those of the hidden bends.
 
-    A pair that is already a candidate gets the lower one of both costs.
-
-    Returns:
-        The end indices (M,) and (M,) and the costs (M,) of all candidate pairs, the index (M,) of the hidden bend that
-        explains each pair, -1 for none, and the pairs of them (L, 2) that are in conflict.
+    A pair with a hidden bend gets the lower one of both costs.
     """
-    ends = np.concatenate([np.column_stack([a, b]), np.column_stack([bends.a, bends.b])])
-    pairs, inverse = np.unique(ends, axis=0, return_inverse=True)
-    lowest = np.full(len(pairs), np.inf)
-    lowest[inverse[: len(a)]] = cost
-    of_bend = inverse[len(a) :]
-    is_cheaper = bends.cost < lowest[of_bend]
-    bend_of_pair = np.full(len(pairs), -1)
-    bend_of_pair[of_bend[is_cheaper]] = np.flatnonzero(is_cheaper)
-    lowest[of_bend[is_cheaper]] = bends.cost[is_cheaper]
-    return pairs[:, 0], pairs[:, 1], lowest, bend_of_pair, of_bend[bends.conflicts]
+    all_pairs = np.concatenate([pairs, np.column_stack([bends.a, bends.b])])
+    unique_pairs, index = np.unique(all_pairs, axis=0, return_inverse=True)
+    index_of_pair = index[: len(pairs)]
+    index_of_bend = index[len(pairs) :]
+    lowest = np.full(len(unique_pairs), np.inf)
+    lowest[index_of_pair] = cost
+    is_cheaper = bends.cost < lowest[index_of_bend]
+    bend = np.full(len(unique_pairs), -1)
+    bend[index_of_bend[is_cheaper]] = np.flatnonzero(is_cheaper)
+    lowest[index_of_bend[is_cheaper]] = bends.cost[is_cheaper]
+    a, b = unique_pairs.T
+    return _Candidates(a, b, lowest, bend, conflicts=index_of_bend[bends.conflicts])
 
 
-def _misfit(ends: FragmentEnds, a: NDArray[np.int64], b: NDArray[np.int64], r: float) -> NDArray[np.float64]:
-    """Return the misfit (M,) of each pair in the middle of its gap, in squared sigmas.
+def _misfit(ends: FragmentEnds, pairs: NDArray[np.int64], r: float) -> NDArray[np.float64]:
+    """Return the misfit (M,) of each pair of ends (M, 2) in the middle of its gap, in squared sigmas.
 
-    `a` (M,) and `b` (M,) are the end indices of the pairs. The curvatures of the ends are inaccurate. The misfit is
-    therefore computed with no, half and full curvature, and the smallest result is used.
+    The curvatures of the ends are inaccurate. The misfit is therefore computed with no, half and full curvature, and
+    the smallest result is used.
     """
+    a, b = pairs.T
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
+    position_sigma = POSITION_SIGMA_RADII * r + POSITION_SIGMA_PER_GAP * gap
+    direction_sigma = DIRECTION_SIGMA_RAD + DIRECTION_SIGMA_RAD_PER_RADIUS * gap / r
     misfits = []
-    for share in (0.0, 0.5, 1.0):
-        (p, u), (q, v) = (ends.extrapolate(k, gap / 2, share) for k in (a, b))
+    for share in CURVATURE_SHARES:
+        p, u = ends.extrapolate(a, gap / 2, share)
+        q, v = ends.extrapolate(b, gap / 2, share)
         tangent = u - v
-        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), MIN_TANGENT)
         offset = p - q
         offset = offset - (offset * tangent).sum(axis=1, keepdims=True) * tangent
         offset[:, 2] *= HEIGHT_WEIGHT
-        position_sigmas = np.linalg.norm(offset, axis=1) / (0.4 * r + 0.06 * gap)
-        direction_sigmas = _angle(u, -v) / (0.2 + 0.06 * gap / r)
-        misfits.append(position_sigmas**2 + direction_sigmas**2 + 0.3 * share)
+        position_sigmas = np.linalg.norm(offset, axis=1) / position_sigma
+        direction_sigmas = _angle(u, -v) / direction_sigma
+        misfits.append(position_sigmas**2 + direction_sigmas**2 + CURVATURE_COST * share)
     return np.min(misfits, axis=0)
 
 
 def _gap_cost(
-    ends: FragmentEnds,
-    a: NDArray[np.int64],
-    b: NDArray[np.int64],
-    occlusion_map: OcclusionMap,
-    strings: VisibleStrings,
-    r: float,
+    ends: FragmentEnds, pairs: NDArray[np.int64], occlusion_map: OcclusionMap, strings: VisibleStrings, r: float
 ) -> NDArray[np.float64]:
-    """Return the cost (M,) of the gap of each pair. `a` (M,) and `b` (M,) are the end indices of the pairs.
+    """Return the cost (M,) of the gap of each pair of ends (M, 2).
 
     The cost is infinite if the gap leads over more bare table than `MAX_BARE_GAP_RADII`.
     """
-    if len(a) == 0:
+    if len(pairs) == 0:
         return np.empty(0)
+    a, b = pairs.T
     gap = np.linalg.norm(ends.points[b] - ends.points[a], axis=1)
-    t = np.linspace(0, 1, 14)[1:-1]
-    h = [2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t, t**3 - t**2]
-    hermite = [value[None, :, None] for value in h]
+    # A cubic Hermite spline whose tangents are as long as the gap, as an array (M, N, 3).
+    t = np.linspace(0, 1, N_GAP_SAMPLES + 2)[None, 1:-1, None]
     length = gap[:, None, None]
-    start, end = ends.points[a, None], ends.points[b, None]
-    leaving, arriving = ends.directions[a, None] * length, -ends.directions[b, None] * length
-    curve = hermite[0] * start + hermite[1] * leaving + (1 - hermite[0]) * end + hermite[2] * arriving
+    leaving = ends.directions[a, None] * length
+    arriving = -ends.directions[b, None] * length
+    from_start = 2 * t**3 - 3 * t**2 + 1
+    curve = (
+        from_start * ends.points[a, None]
+        + (t**3 - 2 * t**2 + t) * leaving
+        + (1 - from_start) * ends.points[b, None]
+        + (t**3 - t**2) * arriving
+    )
     occlusion = occlusion_map.occlusion(curve.reshape(-1, 3), r)
-    occluded_share = occlusion.is_occluded.reshape(len(a), -1).mean(axis=1)
-    bare_share = occlusion.is_uncovered.reshape(len(a), -1).mean(axis=1)
+    occluded_share = occlusion.is_occluded.reshape(len(pairs), -1).mean(axis=1)
+    bare_share = occlusion.is_uncovered.reshape(len(pairs), -1).mean(axis=1)
     visible_radii = np.maximum((1 - occluded_share) * gap / r - FREE_VISIBLE_GAP_RADII, 0.0)
     cost = GAP_COST_PER_RADIUS * gap / r + VISIBLE_GAP_COST_PER_RADIUS * visible_radii
-    along_radii = strings.length_along(curve, np.column_stack([a, b]), ends.fragment) / r
+    along_radii = strings.length_along(curve, pairs, ends.fragment) / r
     cost += ALONG_COST_PER_RADIUS * np.maximum(along_radii - FREE_ALONG_RADII, 0.0)
     return np.where(bare_share * gap > MAX_BARE_GAP_RADII * r, np.inf, cost)
 
 
 def _occluded_share_ahead(ends: FragmentEnds, occlusion_map: OcclusionMap, r: float) -> NDArray[np.float64]:
-    """Return the occluded share (N,) of the line from 0.5 r to 2.5 r ahead of each end, 0 to 1."""
-    distance = np.linspace(0.5, 2.5, 5)[None, :, None] * r
+    """Return the occluded share (N,) of the points `AHEAD_RADII` ahead of each end, 0 to 1."""
+    distance = AHEAD_RADII[None, :, None] * r
     horizontal = ends.directions * (1, 1, 0)
     points = ends.points[:, None] + distance * horizontal[:, None]
     is_occluded = occlusion_map.occlusion(points.reshape(-1, 3), r).is_occluded
@@ -305,6 +357,8 @@ def _occluded_share_ahead(ends: FragmentEnds, occlusion_map: OcclusionMap, r: fl
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the angles (M,) between the vectors `a` and `b` (M, 3), radians. `HEIGHT_WEIGHT` scales their z."""
-    a, b = a * (1, 1, HEIGHT_WEIGHT), b * (1, 1, HEIGHT_WEIGHT)
-    cosine = (a * b).sum(axis=1) / np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-12)
+    a = a * (1, 1, HEIGHT_WEIGHT)
+    b = b * (1, 1, HEIGHT_WEIGHT)
+    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+    cosine = (a * b).sum(axis=1) / np.maximum(lengths, MIN_LENGTH)
     return np.arccos(np.clip(cosine, -1, 1))

@@ -34,6 +34,8 @@ MIN_RING_NODES = 12
 """Minimum number of nodes of a closed fragment. A smaller ring is too narrow for the thickness of the string."""
 MIN_MEDIAN_RHO = 0.66
 """Minimum median contribution rate of a fragment. Lines on a flat surface have about 0.5, strings above 0.8."""
+MIN_LENGTH_M = 1e-12
+"""Lower limit of the length by which a link is divided, metres. It keeps a link of length zero zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,8 @@ class Fragment:
         Returns:
             The parts in order. Parts with fewer than `MIN_NODES` nodes are dropped.
         """
-        if keep.all() and not (cut if self.closed else cut[:-1]).any():
+        links_to_cut = cut if self.closed else cut[:-1]
+        if keep.all() and not links_to_cut.any():
             return [self]
         is_broken = cut | ~keep | ~np.roll(keep, -1)
         is_broken[-1] |= not self.closed
@@ -68,6 +71,18 @@ class Fragment:
         return [
             Fragment(self.points[run], self.support[run]) for run in runs if keep[run].all() and len(run) >= MIN_NODES
         ]
+
+
+@dataclass(frozen=True, eq=False)
+class _CandidateLinks:
+    """Links between M pairs of nodes."""
+
+    is_possible: NDArray[np.bool_]
+    """(M,) mask of the possible links, which are roughly parallel to the directions of their two nodes."""
+    cost: NDArray[np.float64]
+    """(M,) cost of each link: its length times a bending penalty, metres."""
+    sides: NDArray[np.int64]
+    """(M, 2) sides that each link takes at its two nodes: 1 along the direction of the node, 0 against it."""
 
 
 def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Fragment]:
@@ -92,21 +107,25 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
         The linking is not in the paper. It replaces the search with two spheres (section II.G) and the bifurcated
         restart (section III.D, eq. 7).
     """
-    all_nodes, r = nodes, parameters.r
-    representatives, represented_by = np.unique(_find_representatives(nodes, r), return_inverse=True)
-    nodes = all_nodes[representatives]
-    neighbours = np.full((len(representatives), 2), -1)
-    _add_links(neighbours, nodes, _nearby_pairs(nodes, MAX_LINK_RADII * r))
-    pairs = _nearby_pairs(all_nodes, MAX_DENSE_LINK_RADII * r)
-    pairs = represented_by[pairs[_rate_links(all_nodes, pairs)[0]]]
-    _add_links(neighbours, nodes, np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0))
+    r = parameters.r
+    chosen, represented_by = np.unique(_find_representatives(nodes, r), return_inverse=True)
+    representatives = nodes[chosen]
+    neighbours = np.full((len(chosen), 2), -1)
+    _add_links(neighbours, representatives, _nearby_pairs(representatives, MAX_LINK_RADII * r))
+
+    # The second pass links the representatives of nodes that may be linked.
+    pairs = _nearby_pairs(nodes, MAX_DENSE_LINK_RADII * r)
+    pairs = represented_by[pairs[_rate_links(nodes, pairs).is_possible]]
+    is_between_two = pairs[:, 0] != pairs[:, 1]
+    pairs = np.unique(np.sort(pairs[is_between_two], axis=1), axis=0)
+    _add_links(neighbours, representatives, pairs)
+
     fragments = []
     for linked, closed in _walk_links(neighbours):
-        path = linked if closed else _trim_ends(linked, nodes.support)
-        if np.median(nodes.rho[path]) < MIN_MEDIAN_RHO:
-            continue
-        if len(path) >= (MIN_RING_NODES if closed else MIN_NODES):
-            fragments.append(Fragment(nodes.points[path], nodes.support[path], closed))
+        path = linked if closed else _trim_ends(linked, representatives.support)
+        min_nodes = MIN_RING_NODES if closed else MIN_NODES
+        if len(path) >= min_nodes and np.median(representatives.rho[path]) >= MIN_MEDIAN_RHO:
+            fragments.append(Fragment(representatives.points[path], representatives.support[path], closed))
     return fragments
 
 
@@ -145,13 +164,16 @@ def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]
     across = np.sqrt(np.maximum((offset**2).sum(axis=1) - along**2, 0.0))
     is_parallel = np.abs((nodes.directions[i] * nodes.directions[j]).sum(axis=1)) > MIN_PARALLEL_COSINE
     is_same = (along < SPACING_RADII * r) & (across < SPACING_RADII * r) & is_parallel
-    i, j = np.concatenate([i[is_same], j[is_same]]), np.concatenate([j[is_same], i[is_same]])
-    beside = csr_array((np.ones(len(i), dtype=bool), (i, j)), shape=(len(nodes.points),) * 2)
-    representative = np.full(len(nodes.points), -1)
+    n_nodes = len(nodes.points)
+    row = np.concatenate([i[is_same], j[is_same]])
+    column = np.concatenate([j[is_same], i[is_same]])
+    beside = csr_array((np.ones(len(row), dtype=bool), (row, column)), shape=(n_nodes, n_nodes))
+    representative = np.full(n_nodes, -1)
     for node in np.argsort(-nodes.support, kind="stable"):
         if representative[node] < 0:
             around = beside.indices[beside.indptr[node] : beside.indptr[node + 1]]
-            representative[around[representative[around] < 0]] = representative[node] = node
+            representative[around[representative[around] < 0]] = node
+            representative[node] = node
     return representative
 
 
@@ -162,28 +184,20 @@ def _nearby_pairs(nodes: CentreLineNodes, max_distance: float) -> NDArray[np.int
     return KDTree(nodes.points).query_pairs(max_distance, output_type="ndarray").astype(np.int64)
 
 
-def _rate_links(
-    nodes: CentreLineNodes, pairs: NDArray[np.int64]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.int64]]:
-    """Rate the links between M pairs of nodes.
-
-    Args:
-        nodes: Nodes of the centre line.
-        pairs: (M, 2) indices of the two nodes of each link.
-
-    Returns:
-        The mask (M,) of the possible links, which are roughly parallel to the directions of their two nodes. The cost
-        (M,) of each link: its length times a bending penalty, metres. The sides (M, 2) that each link takes at its two
-        nodes: 1 is the side along the direction of the node, 0 the side against it.
-    """
+def _rate_links(nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> _CandidateLinks:
+    """Rate the links between pairs of nodes. `pairs` (M, 2) are the indices of the two nodes of each link."""
     a, b = pairs.T
     link = nodes.points[b] - nodes.points[a]
     length = np.linalg.norm(link, axis=1)
-    link /= np.maximum(length, 1e-12)[:, None]
-    leaving, arriving = (link * nodes.directions[a]).sum(axis=1), (link * nodes.directions[b]).sum(axis=1)
-    is_possible = (np.abs(leaving) > MIN_LINK_COSINE) & (np.abs(arriving) > MIN_LINK_COSINE)
+    link /= np.maximum(length, MIN_LENGTH_M)[:, None]
+    leaving = (link * nodes.directions[a]).sum(axis=1)
+    arriving = (link * nodes.directions[b]).sum(axis=1)
     bend = 2 * (1 - leaving**2) + 2 * (1 - arriving**2)
-    return is_possible, length * (1 + bend), np.column_stack([leaving > 0, arriving < 0]).astype(np.int64)
+    return _CandidateLinks(
+        is_possible=(np.abs(leaving) > MIN_LINK_COSINE) & (np.abs(arriving) > MIN_LINK_COSINE),
+        cost=length * (1 + bend),
+        sides=np.column_stack([leaving > 0, arriving < 0]).astype(np.int64),
+    )
 
 
 def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDArray[np.int64]) -> None:
@@ -197,17 +211,19 @@ def _add_links(neighbours: NDArray[np.int64], nodes: CentreLineNodes, pairs: NDA
         nodes: Nodes of the centre line.
         pairs: (M, 2) indices of the two nodes of each candidate link.
     """
-    is_possible, cost, sides = _rate_links(nodes, pairs)
-    a, b = pairs.T
-    order = np.argsort(cost, kind="stable")
-    for k in order[is_possible[order]]:
-        if neighbours[a[k], sides[k, 0]] < 0 and neighbours[b[k], sides[k, 1]] < 0:
-            neighbours[a[k], sides[k, 0]], neighbours[b[k], sides[k, 1]] = b[k], a[k]
+    links = _rate_links(nodes, pairs)
+    order = np.argsort(links.cost, kind="stable")
+    for k in order[links.is_possible[order]]:
+        a, b = pairs[k]
+        side_a, side_b = links.sides[k]
+        if neighbours[a, side_a] < 0 and neighbours[b, side_b] < 0:
+            neighbours[a, side_a] = b
+            neighbours[b, side_b] = a
 
 
 def _walk_links(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
     """Return the paths along the links: for each path the node indices in order, and whether the path is closed."""
-    links = [[int(k) for k in row if k >= 0] for row in neighbours]
+    links = [_linked_nodes(sides) for sides in neighbours.tolist()]
     is_visited = np.zeros(len(links), dtype=bool)
     paths = []
     # The first pass follows open paths from their ends. Only closed paths remain for the second pass.
@@ -215,13 +231,25 @@ def _walk_links(neighbours: NDArray[np.int64]) -> list[tuple[list[int], bool]]:
         for start in range(len(links)):
             if is_visited[start] or (ends_first and len(links[start]) == 2):
                 continue
-            path, following = [start], links[start][0] if links[start] else None
-            while following is not None and following != start:
-                path.append(following)
-                following = next((k for k in links[following] if k != path[-2]), None)
+            path, closed = _follow_links(start, links)
             is_visited[path] = True
-            paths.append((path, following is not None))
+            paths.append((path, closed))
     return paths
+
+
+def _linked_nodes(sides: Sequence[int]) -> list[int]:
+    """Return the nodes that are linked to the sides of a node, without the -1 of a side without a link."""
+    return [node for node in sides if node >= 0]
+
+
+def _follow_links(start: int, links: Sequence[Sequence[int]]) -> tuple[list[int], bool]:
+    """Return the path from a node along its first link, and whether it leads back to this node."""
+    path = [start]
+    following = next(iter(links[start]), None)
+    while following is not None and following != start:
+        path.append(following)
+        following = next((node for node in links[following] if node != path[-2]), None)
+    return path, following is not None
 
 
 def _trim_ends(path: list[int], support: NDArray[np.float64]) -> list[int]:

@@ -83,6 +83,30 @@ class HiddenBends:
     """(E,) mask of all ends, True where a strand may hide the continuation of the end."""
 
 
+@dataclass(frozen=True, eq=False)
+class _FittedEnds:
+    """The two ends of every open fragment, fitted to the longest part that a parabola explains."""
+
+    fragment: Indices
+    """(E,) index of the fragment of each end."""
+    points: Points
+    """(E, 3) positions, metres, base frame."""
+    directions: Points
+    """(E, 3) unit vectors pointing out of the fragment."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """What may hide a curve, and what was measured where it would be."""
+
+    strings: VisibleStrings
+    """The fragments that are visible parts of strings."""
+    occlusion_map: OcclusionMap
+    """Occlusion map of the registered surface."""
+    r: float
+    """Radius of the string, metres."""
+
+
 def find_hidden_bends(
     end_fragment: Indices, fragments: Sequence[Fragment], strings: VisibleStrings, occlusion_map: OcclusionMap, r: float
 ) -> HiddenBends:
@@ -99,80 +123,77 @@ def find_hidden_bends(
         The pairs, each with the curve of least cost. Only fragments that are visible parts of strings, not edges of
         objects, are joined or hide a curve.
     """
-    fitted = [_fit_end(fragments[f].points[:: 1 - 2 * (k % 2)], r) for k, f in enumerate(end_fragment)]
-    points, directions = (np.array(values) for values in zip(*fitted, strict=True))
-    pairs = _near_pairs(end_fragment, fragments, points, directions, strings, r)
-    cost, curves = np.full(len(pairs), np.inf), np.empty((len(pairs), N_SAMPLES, 3))
+    ends = _fit_ends(end_fragment, fragments, r)
+    surroundings = _Surroundings(strings, occlusion_map, r)
+    pairs = _near_pairs(ends, fragments, strings, r)
+    a, b = pairs.T
+    cost = np.full(len(pairs), np.inf)
+    curves = np.empty((len(pairs), N_SAMPLES, 3))
     for fullness in FULLNESS:
-        a, b = pairs.T
-        tried = joining_curves(points[a], directions[a], points[b], -directions[b], fullness)
-        cost_of_tried = _cost(tried, pairs, end_fragment, strings, occlusion_map, r, is_arc=fullness == 1.0)
+        tried = joining_curves(ends.points[a], ends.directions[a], ends.points[b], -ends.directions[b], fullness)
+        is_possible = _is_possible(tried, pairs, end_fragment, surroundings, is_arc=fullness == 1.0)
+        cost_of_tried = _cost(tried, is_possible, surroundings)
         is_better = cost_of_tried < cost
-        cost[is_better], curves[is_better] = cost_of_tried[is_better], tried.points[is_better]
-    chosen = np.flatnonzero(np.isfinite(cost))
-    (a, b), cost, curves = pairs[chosen].T, cost[chosen], curves[chosen]
+        cost[is_better] = cost_of_tried[is_better]
+        curves[is_better] = tried.points[is_better]
+    is_joined = np.isfinite(cost)
+    pairs = pairs[is_joined]
+    curves = curves[is_joined]
+    a, b = pairs.T
     is_hidden_ahead = np.zeros(len(end_fragment), dtype=np.bool_)
-    is_hidden_ahead[[*a, *b]] = True
-    return HiddenBends(a, b, cost, curves, _conflicts(a, b, curves, strings, r), is_hidden_ahead)
+    is_hidden_ahead[pairs] = True
+    return HiddenBends(a, b, cost[is_joined], curves, _conflicts(a, b, curves, strings, r), is_hidden_ahead)
 
 
-def _near_pairs(
-    end_fragment: Indices,
-    fragments: Sequence[Fragment],
-    points: Points,
-    directions: Points,
-    strings: VisibleStrings,
-    r: float,
-) -> Indices:
-    """Return the pairs (M, 2) of ends of visible strings that are near and roughly face each other.
-
-    `points` and `directions` (E, 3) are those of the ends.
-    """
-    ends = np.flatnonzero(strings.is_string[end_fragment])
-    first, second = np.triu_indices(len(ends), 1)
-    a, b = ends[first], ends[second]
-    chord = points[b] - points[a]
+def _near_pairs(ends: _FittedEnds, fragments: Sequence[Fragment], strings: VisibleStrings, r: float) -> Indices:
+    """Return the pairs (M, 2) of ends of visible strings that are near and roughly face each other."""
+    ends_of_strings = np.flatnonzero(strings.is_string[ends.fragment])
+    first, second = np.triu_indices(len(ends_of_strings), 1)
+    a = ends_of_strings[first]
+    b = ends_of_strings[second]
+    chord = ends.points[b] - ends.points[a]
     lengths = np.array([arc_length(fragment.points)[-1] for fragment in fragments])
-    is_chosen = (end_fragment[a] != end_fragment[b]) | (lengths[end_fragment[a]] > MIN_RING_RADII * r)
+    is_chosen = (ends.fragment[a] != ends.fragment[b]) | (lengths[ends.fragment[a]] > MIN_RING_RADII * r)
     is_chosen &= np.linalg.norm(chord, axis=1) < MAX_STRANDS_OVER * MAX_LENGTH_RADII * r
-    is_chosen &= angles_between(directions[a], chord) < MAX_TURN_RAD
-    is_chosen &= angles_between(directions[b], -chord) < MAX_TURN_RAD
+    is_chosen &= angles_between(ends.directions[a], chord) < MAX_TURN_RAD
+    is_chosen &= angles_between(ends.directions[b], -chord) < MAX_TURN_RAD
     return np.column_stack([a, b])[is_chosen]
 
 
-def _cost(
-    curves: JoiningCurves,
-    pairs: Indices,
-    end_fragment: Indices,
-    strings: VisibleStrings,
-    occlusion_map: OcclusionMap,
-    r: float,
-    is_arc: bool,
-) -> NDArray[np.float64]:
-    """Return the cost (M,) of the curves that join the `pairs` (M, 2) of ends, infinite for impossible ones.
+def _is_possible(
+    curves: JoiningCurves, pairs: Indices, end_fragment: Indices, surroundings: _Surroundings, is_arc: bool
+) -> NDArray[np.bool_]:
+    """Return which curves (M,) that join the `pairs` (M, 2) of ends are hidden, or are visible bends.
 
     Only between two strands, views can see that a curve is narrower than an arc. `is_arc` says that it is none of them.
     """
+    strings = surroundings.strings
+    r = surroundings.r
     strands_over = strings.strands_over(curves.points, pairs, end_fragment)
     is_possible = curves.length < MAX_LENGTH_RADII * r * np.minimum(strands_over, MAX_STRANDS_OVER)
     is_possible &= (strands_over > 1) | is_arc
     short = np.flatnonzero(curves.length < MAX_BREAK_RADII * r)
     breaks = short[strings.touches(curves.points[short], pairs[short], end_fragment)]
     if len(breaks):
-        is_possible[breaks] |= _is_measured(curves.points[breaks], occlusion_map.surface, r)
+        is_possible[breaks] |= _is_measured(curves.points[breaks], surroundings.occlusion_map.surface, r)
+    return is_possible
 
-    cost = np.full(len(pairs), np.inf)
-    possible = np.flatnonzero(is_possible)
-    samples, length = curves.points[possible].reshape(-1, 3), curves.length[possible] / r
-    seen = occlusion_map.views_through(samples, r)
-    is_bare = occlusion_map.occlusion(samples, r).is_uncovered | seen.is_free
-    bare, seen_through = (
-        mask.reshape(-1, N_SAMPLES).mean(axis=1) * length for mask in (is_bare, seen.through >= MIN_EXTENT_VIEWS)
-    )
-    energy = r * curves.energy[possible] * np.minimum(length / MIN_BENDING_LENGTH_RADII, 1.0)
+
+def _cost(curves: JoiningCurves, is_possible: NDArray[np.bool_], surroundings: _Surroundings) -> NDArray[np.float64]:
+    """Return the cost (M,) of curves, infinite for those that are impossible or over bare table."""
+    r = surroundings.r
+    samples = curves.points[is_possible].reshape(-1, 3)
+    length = curves.length[is_possible] / r
+    seen = surroundings.occlusion_map.views_through(samples, r)
+    is_bare = surroundings.occlusion_map.occlusion(samples, r).is_uncovered | seen.is_free
+    is_seen_through = seen.through >= MIN_EXTENT_VIEWS
+    bare = is_bare.reshape(-1, N_SAMPLES).mean(axis=1) * length
+    seen_through = is_seen_through.reshape(-1, N_SAMPLES).mean(axis=1) * length
+    energy = r * curves.energy[is_possible] * np.minimum(length / MIN_BENDING_LENGTH_RADII, 1.0)
     cost_of_possible = BEND_COST + ENERGY_COST_RADII * energy
     cost_of_possible += LENGTH_COST_PER_RADIUS * length + SEEN_COST_PER_RADIUS * seen_through
-    cost[possible] = np.where(bare <= MAX_BARE_RADII, cost_of_possible, np.inf)
+    cost = np.full(len(is_possible), np.inf)
+    cost[is_possible] = np.where(bare <= MAX_BARE_RADII, cost_of_possible, np.inf)
     return cost
 
 
@@ -182,12 +203,27 @@ def _is_measured(curves: Points, surface: Points, r: float) -> NDArray[np.bool_]
     return np.isfinite(distance).all(axis=1)
 
 
+def _fit_ends(end_fragment: Indices, fragments: Sequence[Fragment], r: float) -> _FittedEnds:
+    """Fit the position and the outward direction of each end."""
+    points = []
+    directions = []
+    for k, fragment in enumerate(end_fragment):
+        # The first point of a fragment comes before its last point.
+        is_start = k % 2 == 0
+        line = fragments[fragment].points
+        point, direction = _fit_end(line if is_start else line[::-1], r)
+        points.append(point)
+        directions.append(direction)
+    return _FittedEnds(end_fragment, np.array(points), np.array(directions))
+
+
 def _fit_end(points: Points, r: float) -> tuple[Points, Points]:
     """Return the position (3,) and the outward direction (3,) of the first point of a line.
 
     The longest part that a parabola explains is fitted. In tight knots, longer parts average over more than one bend.
     """
-    s, terms = arc_length(points), np.zeros((3, 3))
+    s = arc_length(points)
+    terms = np.zeros((3, 3))
     for length in END_FIT_RADII:
         terms = fit_end_parabola(points, length * r, r)
         count = max(int(np.searchsorted(s, length * r)) + 1, 2)
@@ -203,12 +239,14 @@ def _conflicts(a: Indices, b: Indices, curves: Points, strings: VisibleStrings, 
     If the strand is high enough for both curves, one of them may pass above or below the other one.
     """
     i, j = np.triu_indices(len(a), 1)
-    low, high = curves[:, :, :2].min(axis=1), curves[:, :, :2].max(axis=1)
+    low = curves[:, :, :2].min(axis=1)
+    high = curves[:, :, :2].max(axis=1)
     is_near = ((low[i] < high[j]) & (low[j] < high[i])).all(axis=1)
     is_near &= (a[i] != a[j]) & (a[i] != b[j]) & (b[i] != a[j]) & (b[i] != b[j])
-    i, j = i[is_near], j[is_near]
-    crosses, on_i, on_j = first_crossings(curves[i], curves[j])
-    i, j, on_i, on_j = i[crosses], j[crosses], on_i[crosses], on_j[crosses]
+    near = np.column_stack([i, j])[is_near]
+    crosses, on_i, on_j = first_crossings(curves[near[:, 0]], curves[near[:, 1]])
+    on_i = on_i[crosses]
+    on_j = on_j[crosses]
     has_room = strings.height_over(on_i[:, :2]) >= MIN_STACK_RADII * r
     is_apart = np.abs(on_i[:, 2] - on_j[:, 2]) >= MIN_SEPARATION_RADII * r
-    return np.column_stack([i, j])[~(has_room | is_apart)]
+    return near[crosses][~(has_room | is_apart)]

@@ -80,17 +80,18 @@ def _foreign_shares(fragments: Sequence[Fragment], surface: NDArray[np.float64],
     offset = surface[is_beside] - points[nearest]
     left = offset[:, 1] * tangent[nearest, 0] - offset[:, 0] * tangent[nearest, 1]
     is_high = offset[:, 2] > MIN_HEIGHT_RADII * r
+    is_left = is_high & is_foreign & (left > r)
+    is_right = is_high & is_foreign & (left < -r)
     counts = [
         np.bincount(nearest[selected], minlength=len(points)).astype(np.float64)
-        for selected in (is_high, is_high & is_foreign & (left > r), is_high & is_foreign & (left < -r))
+        for selected in (is_high, is_left, is_right)
     ]
     shares = []
     first = 0
     for fragment, line, s in zip(fragments, lines, lengths, strict=True):
-        total, on_left, on_right = (
-            uniform_filter1d(count[first : first + len(line)], SMOOTHING_STEPS, mode="constant") for count in counts
-        )
+        own = slice(first, first + len(line))
         first += len(line)
+        total, on_left, on_right = (uniform_filter1d(count[own], SMOOTHING_STEPS, mode="constant") for count in counts)
         share = np.minimum(on_left, on_right) / np.maximum(total, 1 / SMOOTHING_STEPS)
         shares.append(np.interp(arc_length(fragment.points), s, share))
     return shares

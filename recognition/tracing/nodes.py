@@ -31,6 +31,8 @@ A lower rate means a surface or a clump instead of a line. Merged strands still 
 """
 MIN_NODE_SUPPORT_SHARE = 0.05
 """Minimum support of a node, as a share of the median support. Nodes with less support are noise."""
+ISOLATED_SHARE = 1e-6
+"""Size of a neighbourhood, relative to its radius, below which its point has no neighbours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,9 @@ def extract_nodes(centre_points: NDArray[np.float64], parameters: ChainParameter
         nodes = _thin_nodes(nodes, weights, r)
         # Nodes that moved into the same voxel become one node.
         nodes, weights = _merge_nodes_per_voxel(nodes, weights, VOXEL_RADII * r)
-    return nodes[nodes.support >= MIN_NODE_SUPPORT_SHARE * np.median(nodes.support)] if len(nodes.points) else nodes
+    if len(nodes.points) == 0:
+        return nodes
+    return nodes[nodes.support >= MIN_NODE_SUPPORT_SHARE * np.median(nodes.support)]
 
 
 def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) -> CentreLineNodes:
@@ -93,21 +97,25 @@ def _thin_nodes(nodes: CentreLineNodes, weights: NDArray[np.float64], r: float) 
     """
     i, j = neighbour_pairs(nodes.points, np.hypot(ALONG_RADII, 1.0) * r)
     # Each coordinate is one row: numpy is several times faster on three long rows than on rows of three.
-    points, axes = nodes.points.T, nodes.directions.T
+    points = nodes.points.T
+    axes = nodes.directions.T
     offset = points.take(j, axis=1) - points.take(i, axis=1)
-    direction, other_direction = axes.take(i, axis=1), axes.take(j, axis=1)
+    direction = axes.take(i, axis=1)
+    other_direction = axes.take(j, axis=1)
     along = np.einsum("ij,ij->j", offset, direction)
     across = offset - along * direction
     square = np.einsum("ij,ij->j", across, across) / r**2
     cosine = np.einsum("ij,ij->j", direction, other_direction)
     is_near = (np.abs(along) < ALONG_RADII * r) & (square < 1) & (np.abs(cosine) > MIN_DIRECTION_COSINE)
     near = np.flatnonzero(is_near)
-    i, j, square, along, cosine = i[near], j[near], square[near], along[near], cosine[near]
-    weight = weights[j] * np.exp(-square / (2 * ACROSS_SIGMA_RADII**2)) * (1 - (along / (ALONG_RADII * r)) ** 2)
+    i = i[near]
+    weight_across = np.exp(-square[near] / (2 * ACROSS_SIGMA_RADII**2))
+    weight_along = 1 - (along[near] / (ALONG_RADII * r)) ** 2
+    weight = weights[j[near]] * weight_across * weight_along
     count = len(nodes.points)
     support = group_sums(i, weight, count)
     moved = nodes.points + group_sums(i, (weight * across.take(near, axis=1)).T, count) / support[:, None]
-    aligned = np.sign(cosine) * other_direction.take(near, axis=1)
+    aligned = np.sign(cosine[near]) * other_direction.take(near, axis=1)
     directions = group_sums(i, (weight * aligned).T, count)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return CentreLineNodes(moved, directions, support, nodes.rho)
@@ -142,4 +150,5 @@ def _main_axes(
     eigenvalues, axes = np.linalg.eigh(R)
     eigenvalues = np.abs(eigenvalues)
     # The lower limit of the denominator gives a point without neighbours the rate zero.
-    return axes[:, :, 2], eigenvalues[:, 2] / np.maximum(eigenvalues.sum(axis=1), (1e-6 * radius) ** 2)
+    total = np.maximum(eigenvalues.sum(axis=1), (ISOLATED_SHARE * radius) ** 2)
+    return axes[:, :, 2], eigenvalues[:, 2] / total

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.geometry.neighbours import pairs_between
 from recognition.preprocessing.lines_of_sight import ViewCounts, count_views
 from recognition.preprocessing.normals import NormalCloud
 
@@ -22,6 +23,8 @@ MIN_OCCLUDED_SHARE = 0.1
 MIN_BEFORE_RADII = 1.5
 """Minimum distance, along the line of sight, of the surface that hides a point of the centre line from a view, in radii
 r. The surface of the point's own strand is 1 r before it."""
+MIN_DEPTH_M = 1e-6
+"""Lower limit of the depth by which a point is divided, metres. Points behind the camera are excluded later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +62,7 @@ class OcclusionMap:
         Returns:
             The masks `is_occluded` and `is_uncovered`. They are False where the string itself is the top surface.
         """
-        pairs = KDTree(points[:, :2]).sparse_distance_matrix(self._tree, SEARCH_RADII * r, output_type="ndarray")
-        row, column = pairs["i"], pairs["j"]
+        row, column = pairs_between(KDTree(points[:, :2]), self._tree, SEARCH_RADII * r)
         counts = np.bincount(row, minlength=len(points))
         is_high = self.surface[column, 2] > points[row, 2] + MIN_ABOVE_RADII * r
         is_occluded = np.bincount(row, is_high, len(points)) > MIN_OCCLUDED_SHARE * np.maximum(counts, 1)
@@ -73,13 +75,12 @@ class OcclusionMap:
 
     def _is_hidden(self, points: NDArray[np.float64], r: float) -> NDArray[np.bool_]:
         """Return the mask (N,) of the points that every view measured something before. Without views, it is False."""
-        hidden = np.arange(len(points) if self._views else 0)
+        is_hidden = np.full(len(points), len(self._views) > 0)
         for view in self._views:
-            if len(hidden):
-                hidden = hidden[_is_hidden_from(view, points[hidden], MIN_BEFORE_RADII * r)]
-        mask = np.zeros(len(points), dtype=np.bool_)
-        mask[hidden] = True
-        return mask
+            if not is_hidden.any():
+                break
+            is_hidden[is_hidden] = _is_hidden_from(view, points[is_hidden], MIN_BEFORE_RADII * r)
+        return is_hidden
 
 
 def _is_hidden_from(view: NormalCloud, points: NDArray[np.float64], min_before_m: float) -> NDArray[np.bool_]:
@@ -87,10 +88,15 @@ def _is_hidden_from(view: NormalCloud, points: NDArray[np.float64], min_before_m
     if view.image is None or view.T_base_camera is None:
         return np.zeros(len(points), dtype=np.bool_)
     depth = view.image.depth
-    x, y, z = ((points - view.T_base_camera[:3, 3]) @ view.T_base_camera[:3, :3]).T
-    K, in_front = view.image.K, np.maximum(z, 1e-6)
-    u, v = np.floor((K[0, 0] * x / in_front + K[0, 2] + 0.5, K[1, 1] * y / in_front + K[1, 2] + 0.5))
-    is_inside = (z > 0) & (u >= 0) & (u < depth.shape[1]) & (v >= 0) & (v < depth.shape[0])
-    row, column = np.where(is_inside, v, 0).astype(np.intp), np.where(is_inside, u, 0).astype(np.intp)
+    K = view.image.K
+    T = view.T_base_camera
+    x, y, z = ((points - T[:3, 3]) @ T[:3, :3]).T
+    in_front = np.maximum(z, MIN_DEPTH_M)
+    u = np.floor(K[0, 0] * x / in_front + K[0, 2] + 0.5)
+    v = np.floor(K[1, 1] * y / in_front + K[1, 2] + 0.5)
+    height, width = depth.shape
+    is_inside = (z > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    row = np.where(is_inside, v, 0).astype(np.intp)
+    column = np.where(is_inside, u, 0).astype(np.intp)
     measured = depth[row, column] * view.image.depth_unit_m
     return is_inside & (measured > 0) & (measured < z - min_before_m)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from recognition.errors import TooCrowdedError
 from recognition.parameters import ChainParameters
 from recognition.strand import End, Strand, join_strands
-from recognition.tracing.end_pairing import Pairing, pair_ends
+from recognition.tracing.end_pairing import FragmentEnds, Pairing, pair_ends
 from recognition.tracing.fragments import Fragment, link_nodes, split_over_bare_table
 from recognition.tracing.merged_strands import split_merged_strands
 from recognition.tracing.nodes import CentreLineNodes, extract_nodes
@@ -70,10 +70,15 @@ def trace_strands(
         )
     pairing = pair_ends(fragments, occlusion_map, parameters, table_z_m)
     pieces = [Strand(f.points, np.zeros(len(f.points), dtype=bool), f.closed) for f in fragments]
-    ends = [
-        End(int(fragment), number % 2 == 0, pairing.ends.points[number], pairing.ends.directions[number])
-        for number, fragment in enumerate(pairing.ends.fragment)
-    ]
-    return TracedStrands(
-        nodes, fragments, pairing, join_strands(pieces, ends, pairing.pairs, parameters, pairing.bridges)
-    )
+    strands = join_strands(pieces, _strand_ends(pairing.ends), pairing.pairs, parameters, pairing.bridges)
+    return TracedStrands(nodes, fragments, pairing, strands)
+
+
+def _strand_ends(ends: FragmentEnds) -> list[End]:
+    """Return the ends of fragments as ends of strands, in the same order."""
+    found = []
+    for k, fragment in enumerate(ends.fragment.tolist()):
+        # The first point of a fragment comes before its last point.
+        is_start = k % 2 == 0
+        found.append(End(fragment, is_start, ends.points[k], ends.directions[k]))
+    return found

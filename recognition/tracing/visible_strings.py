@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from recognition.geometry.intersections import planar_cross
+from recognition.geometry.neighbours import pairs_between
 from recognition.geometry.polyline import arc_length, resample, unit_vectors
 from recognition.tracing.fragments import Fragment
 
@@ -48,13 +50,17 @@ class VisibleStrings:
     """
 
     def __init__(self, fragments: Sequence[Fragment], surface: Points, r: float, table_z_m: float = 0.0) -> None:
-        self._r, self._table_z_m = r, table_z_m
+        self._r = r
+        self._table_z_m = table_z_m
         lines = [resample(fragment.points, STEP_RADII * r) for fragment in fragments]
         fragment_of_point = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
-        points, along = np.vstack(lines), [arc_length(line) for line in lines]
+        points = np.vstack(lines)
+        along = [arc_length(line) for line in lines]
         self.is_string = _tube_shares(points, fragment_of_point, surface, r) >= MIN_TUBE_SHARE
+        # Only the points of visible strings are kept.
         is_string = self.is_string[fragment_of_point]
-        self._points, self._fragment = points[is_string], fragment_of_point[is_string]
+        self._points = points[is_string]
+        self._fragment = fragment_of_point[is_string]
         tangents = [unit_vectors(np.gradient(line[:, :2], axis=0)) for line in lines]
         self._tangents = np.vstack(tangents)[is_string]
         self._to_start = np.concatenate(along)[is_string]
@@ -76,20 +82,28 @@ class VisibleStrings:
         if self._tree is None or count == 0:
             return np.zeros(count, dtype=np.int64)
         flat = points.reshape(-1, 3)
-        pairs = KDTree(flat[:, :2]).sparse_distance_matrix(self._tree, OVER_RADII * self._r, output_type="ndarray")
-        row, over = pairs["i"], pairs["j"]
-        lower_end = points[:, [0, -1], 2].min(axis=1)
+        # Point `row` of the curves lies under point `over` of the strands.
+        row, over = pairs_between(KDTree(flat[:, :2]), self._tree, OVER_RADII * self._r)
         height = self._points[over, 2]
-        is_over = (height - self._table_z_m > MIN_OVER_RADII * self._r) & (
-            height > lower_end[row // n] - MAX_DROP_RADII * self._r
-        )
-        row, over = row[is_over], over[is_over]
-        is_own = np.zeros(len(row), dtype=np.bool_)
-        for end in ends[row // n].T:
-            distance = np.where(end % 2 == 0, self._to_start[over], self._to_end[over])
-            is_own |= (self._fragment[over] == end_fragment[end]) & (distance < OWN_RADII * self._r)
-        row, over = row[~is_own], over[~is_own]
+        lower_end = points[:, [0, -1], 2].min(axis=1)
+        is_above_table = height - self._table_z_m > MIN_OVER_RADII * self._r
+        is_above_curve = height > lower_end[row // n] - MAX_DROP_RADII * self._r
+        is_over = is_above_table & is_above_curve
+        row = row[is_over]
+        over = over[is_over]
+        is_other = ~self._is_own(over, ends[row // n], end_fragment)
+        row = row[is_other]
+        over = over[is_other]
         return self._count_crossed(flat[row], over, row // n, count)
+
+    def _is_own(self, over: Indices, ends: Indices, end_fragment: Indices) -> NDArray[np.bool_]:
+        """Return which points `over` (P,) of the strands are near one of the ends (P, K) that their curves continue."""
+        is_own = np.zeros(len(over), dtype=np.bool_)
+        for end in ends.T:
+            is_start = end % 2 == 0
+            distance = np.where(is_start, self._to_start[over], self._to_end[over])
+            is_own |= (self._fragment[over] == end_fragment[end]) & (distance < OWN_RADII * self._r)
+        return is_own
 
     def touches(self, points: Points, ends: Indices, end_fragment: Indices) -> NDArray[np.bool_]:
         """Return which curves (M,) between ends touch another strand than the two that they continue.
@@ -100,11 +114,10 @@ class VisibleStrings:
         if self._tree is None or len(points) == 0:
             return touching
         n = points.shape[1]
-        tree, distance = KDTree(self._points), TOUCHING_RADII * self._r
-        pairs = KDTree(points.reshape(-1, 3)).sparse_distance_matrix(tree, distance, output_type="ndarray")
-        row, near = pairs["i"] // n, pairs["j"]
-        is_other = (self._fragment[near][:, None] != end_fragment[ends[row]]).all(axis=1)
-        touching[row[is_other]] = True
+        row, near = pairs_between(KDTree(points.reshape(-1, 3)), KDTree(self._points), TOUCHING_RADII * self._r)
+        curve = row // n
+        is_other = (self._fragment[near][:, None] != end_fragment[ends[curve]]).all(axis=1)
+        touching[curve[is_other]] = True
         return touching
 
     def length_along(self, points: Points, ends: Indices, end_fragment: Indices) -> NDArray[np.float64]:
@@ -116,9 +129,9 @@ class VisibleStrings:
             return np.zeros(len(points))
         n = points.shape[1]
         xy = points[:, :, :2]
-        flat, tangent = xy.reshape(-1, 2), unit_vectors(np.gradient(xy, axis=1)).reshape(-1, 2)
-        pairs = KDTree(flat).sparse_distance_matrix(self._tree, OVER_RADII * self._r, output_type="ndarray")
-        row, near = pairs["i"], pairs["j"]
+        flat = xy.reshape(-1, 2)
+        tangent = unit_vectors(np.gradient(xy, axis=1)).reshape(-1, 2)
+        row, near = pairs_between(KDTree(flat), self._tree, OVER_RADII * self._r)
         is_other = (self._fragment[near][:, None] != end_fragment[ends[row // n]]).all(axis=1)
         is_along = np.abs((tangent[row] * self._tangents[near]).sum(axis=1)) > MIN_ALONG_COSINE
         along = np.zeros(len(flat), dtype=np.bool_)
@@ -131,17 +144,21 @@ class VisibleStrings:
 
         `points` (K, 3) lie on the curves `curve` (K,), and under the points `over` (K,) of strands.
         """
-        offset, tangent = points[:, :2] - self._points[over, :2], self._tangents[over]
+        offset = points[:, :2] - self._points[over, :2]
+        tangent = self._tangents[over]
         along = np.abs((offset * tangent).sum(axis=1))
         is_beside = along < STEP_RADII * self._r
-        side = (tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0])[is_beside]
-        key = curve[is_beside] * (int(self._fragment.max(initial=0)) + 1) + self._fragment[over[is_beside]]
+        side = planar_cross(tangent, offset)[is_beside]
+        # The key is a pair of a curve and a fragment.
+        n_fragments = int(self._fragment.max(initial=0)) + 1
+        key = curve[is_beside] * n_fragments + self._fragment[over[is_beside]]
         pair, index = np.unique(key, return_inverse=True)
-        left, right = np.full(len(pair), -np.inf), np.full(len(pair), np.inf)
-        np.maximum.at(left, index, side)
-        np.minimum.at(right, index, side)
-        crossed = pair[(left > 0) & (right < 0)] // (int(self._fragment.max(initial=0)) + 1)
-        return np.bincount(crossed, minlength=count)
+        farthest_left = np.full(len(pair), -np.inf)
+        farthest_right = np.full(len(pair), np.inf)
+        np.maximum.at(farthest_left, index, side)
+        np.minimum.at(farthest_right, index, side)
+        is_crossed = (farthest_left > 0) & (farthest_right < 0)
+        return np.bincount(pair[is_crossed] // n_fragments, minlength=count)
 
     def height_over(self, xy: Points) -> NDArray[np.float64]:
         """Return the height (M,) of the highest line within `OVER_RADII` of points (M, 2), above the table, metres."""
@@ -156,6 +173,7 @@ def _tube_shares(points: Points, fragment: Indices, surface: Points, r: float) -
     """Return the share of the surface beside each fragment that lies on its tube, from the `points` of its line."""
     distance, nearest = KDTree(points).query(surface, distance_upper_bound=BESIDE_RADII * r)
     is_beside = np.isfinite(distance)
-    owner, count = fragment[np.asarray(nearest)[is_beside]], int(fragment[-1]) + 1
+    owner = fragment[np.asarray(nearest)[is_beside]]
+    count = int(fragment[-1]) + 1
     is_on = np.abs(np.asarray(distance)[is_beside] - r) < ON_TUBE_RADII * r
     return np.bincount(owner, is_on, count) / np.maximum(np.bincount(owner, minlength=count), 1)
