@@ -102,9 +102,12 @@ def find_sharp_turn(points: NDArray[np.float64]) -> int | None:
     """
     if len(points) < 5:
         return None
-    before, after = points[-3] - points[-5], points[-1] - points[-3]
+    before = points[-3] - points[-5]
+    after = points[-1] - points[-3]
     lengths = np.linalg.norm(before) * np.linalg.norm(after)
-    return len(points) - 3 if before @ after < np.cos(MAX_TURN_RAD) * lengths else None
+    if before @ after < np.cos(MAX_TURN_RAD) * lengths:
+        return len(points) - 3
+    return None
 
 
 def find_restarts(
@@ -133,11 +136,13 @@ def find_restarts(
     restarts = []
     while (restart := search.nearest_connectable(bifurcation_centre, parameters.r_cf)) is not None:
         search.connectable[restart] = False
+        segment = [restart]
         linked = next_point(search, restart, parameters)
         if linked is not None:
+            segment.append(linked)
             # A later restart must not link to the same point.
             search.eliminate(search.points[linked], parameters.r_n)
-        restarts.append([restart] if linked is None else [restart, linked])
+        restarts.append(segment)
     return restarts
 
 
@@ -146,9 +151,12 @@ def _find_largest_ratio(search: SearchField, R_c: NDArray[np.float64], target: i
 
     If consecutive points share the largest R_c, return the middle point.
     """
+    # Consecutive points with the largest R_c so far.
     largest = [target]
     while (following := next_point(search, largest[-1], parameters)) is not None:
         if R_c[following] < R_c[largest[-1]]:
             break
-        largest = [*largest, following] if R_c[following] == R_c[largest[-1]] else [following]
+        if R_c[following] > R_c[largest[-1]]:
+            largest.clear()
+        largest.append(following)
     return largest[len(largest) // 2]

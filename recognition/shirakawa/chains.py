@@ -21,6 +21,12 @@ from recognition.strand import Strand
 
 MIN_SIGMA_M = 0.0002
 """Lower limit of sigma, metres. All views share the hand-eye error, so differences between views do not show it."""
+UNSEEN_BEND_RADII = 5.0
+"""Bend radius that is assumed between a point that no view saw and the nearest seen point, in radii r."""
+TOP_PERCENTILE = 90
+"""Percentile of the heights of the surface at a point that counts as its top."""
+MIN_ABOVE_RADII = 1.5
+"""Minimum height of the surface of another strand above a point that it hides, in radii r."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +63,8 @@ def assemble_chains(
     Returns:
         The kept strands, their chains, and the findings.
     """
-    kept, excluded = [], []
+    kept = []
+    excluded = []
     for strand in strands:
         length = float(arc_length(strand.points)[-1])
         if length >= parameters.r_cn:
@@ -105,7 +112,7 @@ def point_uncertainty(
         standard deviations are r.
     """
     points = strand.points
-    tangent = unit_vectors(np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points))
+    tangent = _tangents(points)
     offsets = []
     for cloud in clouds:
         # Any c_i within r of the strand belongs to a surface point within 2 r. A tree of all c_i is slower.
@@ -125,8 +132,16 @@ def point_uncertainty(
         return np.full(len(points), parameters.r), views.astype(np.int64)
     s = arc_length(points)
     gap, nearest = KDTree(s[~unseen, None]).query(s[unseen, None])
-    sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (10 * parameters.r)
+    # A bend of radius R leaves its tangent by d^2 / (2 R) after a length d.
+    sigma[unseen] = sigma[~unseen][nearest] + gap**2 / (2 * UNSEEN_BEND_RADII * parameters.r)
     return sigma, views.astype(np.int64)
+
+
+def _tangents(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit tangents (N, 3) of a line; zero for a single point."""
+    if len(points) < 2:
+        return np.zeros_like(points)
+    return unit_vectors(np.gradient(points, axis=0))
 
 
 def _orient(strand: Strand) -> Strand:
@@ -147,12 +162,16 @@ def _find_hidden_points(
     if not hidden.any():
         return hidden
     surface = np.vstack([np.empty((0, 3)), *(cloud.points for cloud in clouds)])
-    low, high = (limit(strand.points[hidden, :2], axis=0) for limit in (np.min, np.max))
+    bridged_xy = strand.points[hidden, :2]
+    low = bridged_xy.min(axis=0)
+    high = bridged_xy.max(axis=0)
     is_beside = (surface[:, :2] > low - parameters.r) & (surface[:, :2] < high + parameters.r)
     surface = surface[is_beside.all(axis=1)]
     tree_xy = KDTree(surface[:, :2])
     for i in np.flatnonzero(strand.bridged):
         near = tree_xy.query_ball_point(strand.points[i, :2], parameters.r / 2)
-        if near and np.percentile(surface[near, 2], 90) < strand.points[i, 2] + 1.5 * parameters.r:
-            hidden[i] = False
+        if not near:
+            continue
+        top = np.percentile(surface[near, 2], TOP_PERCENTILE)
+        hidden[i] = top >= strand.points[i, 2] + MIN_ABOVE_RADII * parameters.r
     return hidden

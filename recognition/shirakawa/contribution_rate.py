@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from recognition.geometry.neighbours import neighbour_matrix
 from recognition.parameters import ChainParameters
 
+ISOLATED_SHARE = 1e-6
+"""Size of a neighbourhood, relative to its radius, below which its point has no neighbours."""
+
 
 def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
     """Return the share of the largest eigenvalue in the covariance of each point's neighbours.
@@ -25,16 +28,18 @@ def contribution_rates(points: NDArray[np.float64], radius: float) -> NDArray[np
     Source:
         Section III.C, eqs. (4) to (6).
     """
+    if len(points) == 0:
+        return np.empty(0)
     A = neighbour_matrix(points, points, radius)
     k = np.asarray(A.sum(axis=1))[:, None]
     # Relative to the centroid of all points, so that the products below lose no digits.
-    local = points - points.mean(axis=0) if len(points) else points
+    local = points - points.mean(axis=0)
     q_a = (A @ local) / k
     products = (local[:, :, None] * local[:, None, :]).reshape(-1, 9)
     R = ((A @ products) / k).reshape(-1, 3, 3) - q_a[:, :, None] * q_a[:, None, :]
     eigenvalues = np.abs(np.linalg.eigvalsh(R))
     total = eigenvalues.sum(axis=1)
-    isolated = total <= (1e-6 * radius) ** 2
+    isolated = total <= (ISOLATED_SHARE * radius) ** 2
     return np.where(isolated, 1.0, eigenvalues.max(axis=1) / np.where(isolated, 1.0, total))
 
 

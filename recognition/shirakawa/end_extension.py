@@ -70,12 +70,15 @@ def _extend(strand: Strand, unaveraged: NDArray[np.float64], parameters: ChainPa
         reach = float(np.percentile(ahead, REACH_PERCENTILE))
         n_added = max(round(reach / parameters.r_n), 1)
         added = end.point + np.arange(1, n_added + 1)[:, None] * (reach / n_added) * end.direction
-        order = slice(None, None, -1) if end.at_start else slice(None)
-        points = [strand.points, added[order]]
-        bridged = [strand.bridged, np.zeros(len(added), dtype=bool)]
+        is_bridged = np.zeros(n_added, dtype=bool)
         if end.at_start:
-            points, bridged = points[::-1], bridged[::-1]
-        strand = replace(strand, points=np.vstack(points), bridged=np.concatenate(bridged))
+            # The added points go away from the strand, and the strand begins with the farthest one.
+            points = np.vstack([added[::-1], strand.points])
+            bridged = np.concatenate([is_bridged, strand.bridged])
+        else:
+            points = np.vstack([strand.points, added])
+            bridged = np.concatenate([strand.bridged, is_bridged])
+        strand = replace(strand, points=points, bridged=bridged)
     return strand
 
 

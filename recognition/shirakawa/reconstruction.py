@@ -28,6 +28,8 @@ MIN_FACING_COSINE = 0.5
 
 The angle is then less than 60 degrees.
 """
+N_GAP_SAMPLES = 9
+"""Number of points of a gap at which the surface is examined."""
 MAX_SEGMENTS = 2000
 """Maximum number of segments. A string of ten metres with a hundred crossings has a few hundred."""
 
@@ -100,17 +102,12 @@ def reconnect_close_ends(strands: Sequence[Strand], centres: Points, parameters:
     used = set(np.flatnonzero(at_intersection).tolist())
     j, k = np.triu_indices(len(ends), 1)
     for n in np.argsort(D[j, k], kind="stable"):
-        first, second = int(j[n]), int(k[n])
-        if D[first, second] >= parameters.r_f:
+        pair = (int(j[n]), int(k[n]))
+        if D[pair] >= parameters.r_f:
             break
-        if (
-            {first, second} & used
-            or not opposite[first, second]
-            or not _may_join(ends, first, second, strands, parameters)
-        ):
-            continue
-        pairs.append((first, second))
-        used |= {first, second}
+        if used.isdisjoint(pair) and opposite[pair] and _may_join(ends, pair, strands, parameters):
+            pairs.append(pair)
+            used.update(pair)
     return join_strands(strands, ends, pairs, parameters)
 
 
@@ -131,38 +128,49 @@ def split_at_side_contacts(
     Returns:
         The cut strands, and the centres (M + C, 3) with the C contact points appended.
     """
-    ends = strand_ends(strands, parameters)
-    away_from_centres = assign_to_intersections(ends, centres, parameters) < 0
-    owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
-    points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
-    arc_lengths = [arc_length(strand.points) for strand in strands]
-    s = np.concatenate([[], *arc_lengths])
-    length = np.array([along[-1] for along in arc_lengths])
-    closed = np.array([strand.closed for strand in strands], dtype=bool)
-    is_side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
-    tree = KDTree(points)
-    contacts = []
-    for end in (end for end, is_away in zip(ends, away_from_centres, strict=True) if is_away):
-        near = np.asarray(tree.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
-        # Exclude the points of the same strand that are next to the end itself.
-        own = (owner[near] == end.strand) & (
-            (s[near] if end.at_start else length[end.strand] - s[near]) <= parameters.r_cn
-        )
-        offset = points[near] - end.point
-        distance = np.linalg.norm(offset, axis=1)
-        is_contact = is_side[near] & ~own & (offset @ end.direction > MIN_FACING_COSINE * distance)
-        if is_contact.any():
-            contacts.append(points[near[is_contact][distance[is_contact].argmin()]])
+    contacts = _find_side_contacts(strands, centres, parameters)
     if not contacts:
         return list(strands), centres
     contact_tree = KDTree(np.array(contacts))
     opened = []
     for strand in strands:
-        clear = contact_tree.query(strand.points)[0] >= parameters.r_cn
-        for run in np.split(np.arange(len(clear)), np.flatnonzero(np.diff(clear)) + 1):
-            if clear[run[0]]:
-                opened.append(Strand(strand.points[run], strand.bridged[run], strand.closed and len(run) == len(clear)))
+        distance, _ = contact_tree.query(strand.points)
+        is_clear = distance >= parameters.r_cn
+        for run in np.split(np.arange(len(is_clear)), np.flatnonzero(np.diff(is_clear)) + 1):
+            if is_clear[run[0]]:
+                is_whole = len(run) == len(is_clear)
+                opened.append(Strand(strand.points[run], strand.bridged[run], strand.closed and is_whole))
     return opened, np.vstack([centres, contacts])
+
+
+def _find_side_contacts(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Points]:
+    """Return the points (3,) of sides of strands that ends away from the `centres` (M, 3) touch."""
+    ends = strand_ends(strands, parameters)
+    intersection = assign_to_intersections(ends, centres, parameters)
+    arc_lengths = [arc_length(strand.points) for strand in strands]
+    length = np.array([along[-1] for along in arc_lengths])
+    closed = np.array([strand.closed for strand in strands], dtype=bool)
+    # All points of all strands, with their strand, their arc length and whether they are away from its ends.
+    points = np.vstack([np.empty((0, 3)), *(strand.points for strand in strands)])
+    owner = np.repeat(np.arange(len(strands)), [len(strand.points) for strand in strands])
+    s = np.concatenate([[], *arc_lengths])
+    is_side = closed[owner] | ((s > parameters.r_f) & (s < length[owner] - parameters.r_f))
+    tree = KDTree(points)
+    contacts = []
+    for k in np.flatnonzero(intersection < 0):
+        end = ends[k]
+        near = np.asarray(tree.query_ball_point(end.point, parameters.r_f, return_sorted=True), dtype=np.int64)
+        # Exclude the points of the same strand that are next to the end itself.
+        from_end = s[near] if end.at_start else length[end.strand] - s[near]
+        is_own = (owner[near] == end.strand) & (from_end <= parameters.r_cn)
+        offset = points[near] - end.point
+        distance = np.linalg.norm(offset, axis=1)
+        is_ahead = offset @ end.direction > MIN_FACING_COSINE * distance
+        is_contact = is_side[near] & ~is_own & is_ahead
+        if is_contact.any():
+            nearest = near[is_contact][distance[is_contact].argmin()]
+            contacts.append(points[nearest])
+    return contacts
 
 
 def connect_at_intersections(strands: Sequence[Strand], centres: Points, parameters: ChainParameters) -> list[Strand]:
@@ -208,9 +216,8 @@ def assign_to_intersections(ends: Sequence[End], centres: Points, parameters: Ch
     """
     if len(ends) == 0 or len(centres) == 0:
         return np.full(len(ends), -1)
-    _, intersection = connected_components(
-        np.linalg.norm(centres[:, None] - centres[None], axis=2) < 2 * parameters.r_cn, directed=False
-    )
+    overlaps = np.linalg.norm(centres[:, None] - centres[None], axis=2) < 2 * parameters.r_cn
+    _, intersection = connected_components(overlaps, directed=False)
     to_centre = centres[None] - _positions(ends)[:, None]
     D = np.linalg.norm(to_centre, axis=2)
     nearest = D.argmin(axis=1)
@@ -249,8 +256,10 @@ def connect_across_gaps(strands: Sequence[Strand], surface: Points, parameters: 
     near = np.less_equal(D, 2 * parameters.r_cf)
     allowed = near & facing & facing.T & (inner_products(ends) < MAX_JOIN_COSINE)
     surface_xy = KDTree(surface[:, :2])
-    for j, k in zip(*np.nonzero(np.triu(allowed, 1)), strict=True):
-        allowed[j, k] = allowed[k, j] = _is_covered(ends[j].point, ends[k].point, surface_xy, parameters)
+    for j, k in np.argwhere(np.triu(allowed, 1)):
+        is_covered = _is_covered(ends[j].point, ends[k].point, surface_xy, parameters)
+        allowed[j, k] = is_covered
+        allowed[k, j] = is_covered
     return join_strands(strands, ends, straightest_pairs(ends, allowed, strands, parameters), parameters)
 
 
@@ -275,16 +284,14 @@ def straightest_pairs(
         Section III.E.2, eq. (8). The paper pairs four ends; here the number of ends is arbitrary.
     """
     b = inner_products(ends)
-    j, k = np.nonzero(np.triu(allowed, 1))
-    pairs = [
-        (int(a), int(c)) for a, c in zip(j, k, strict=True) if _may_join(ends, int(a), int(c), strands, parameters)
-    ]
+    candidates = np.argwhere(np.triu(allowed, 1)).tolist()
+    pairs = [(j, k) for j, k in candidates if _may_join(ends, (j, k), strands, parameters)]
     if not pairs:
         return []
     j, k = np.array(pairs).T
     # One more pair gains more than any difference of the sums, so the number of pairs is maximised first.
     chosen = maximum_weight_matching(j, k, len(ends) + 2.0 - b[j, k])
-    return list(zip(j[chosen].tolist(), k[chosen].tolist(), strict=True))
+    return [pairs[index] for index in chosen]
 
 
 def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
@@ -303,11 +310,14 @@ def inner_products(ends: Sequence[End]) -> NDArray[np.float64]:
     return v @ v.T
 
 
-def _may_join(ends: Sequence[End], j: int, k: int, strands: Sequence[Strand], parameters: ChainParameters) -> bool:
-    """Return whether ends `j` and `k` may be joined. A strand of at most 2 pi r_f must not close on itself."""
-    if ends[j].strand != ends[k].strand:
+def _may_join(
+    ends: Sequence[End], pair: tuple[int, int], strands: Sequence[Strand], parameters: ChainParameters
+) -> bool:
+    """Return whether a pair of ends may be joined. A strand of at most 2 pi r_f must not close on itself."""
+    first, second = (ends[index] for index in pair)
+    if first.strand != second.strand:
         return True
-    return bool(arc_length(strands[ends[j].strand].points)[-1] > 2 * np.pi * parameters.r_f)
+    return bool(arc_length(strands[first.strand].points)[-1] > 2 * np.pi * parameters.r_f)
 
 
 def _is_covered(a: Points, b: Points, surface_xy: KDTree, parameters: ChainParameters) -> bool:
@@ -320,7 +330,7 @@ def _is_covered(a: Points, b: Points, surface_xy: KDTree, parameters: ChainParam
     """
     length = float(np.linalg.norm(b - a))
     covered_length = max(length - 2 * parameters.r_f, 0.0)
-    share = 0.5 + np.linspace(-0.5, 0.5, 9) * covered_length / length
+    share = 0.5 + np.linspace(-0.5, 0.5, N_GAP_SAMPLES) * covered_length / length
     positions = a[:2] + share[:, None] * (b - a)[:2]
     distance, _ = surface_xy.query(positions)
     return bool((distance < parameters.r).all())
