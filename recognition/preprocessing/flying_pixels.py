@@ -90,31 +90,33 @@ def is_on_surface(
     n_lost = (around == 0).sum(axis=0)
     candidates = np.flatnonzero(~is_kept & is_uniform & (n_neighbours + n_lost >= min_neighbours))
     n_needed = min_neighbours[candidates] - n_neighbours[candidates]
-    is_speckled = _is_speckled(
-        image.depth, rows[candidates], columns[candidates], max_step, is_same[:, candidates], n_needed
+    behind = np.array(
+        [_depths_at(image.depth, rows[candidates], columns[candidates], offsets) for offsets in BEHIND_NEIGHBOURS]
     )
+    is_same_behind = (behind > 0) & (np.abs(behind - depth[candidates]) < max_step)
+    is_speckled = _is_speckled(is_same[:, candidates], behind, is_same_behind, n_needed)
     if is_speckled.sum() > MIN_SPECKLED_SHARE * is_kept.sum():
         is_kept[candidates] = is_speckled
     return is_kept
 
 
 def _is_speckled(
-    image: NDArray[np.uint16],
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    max_step: float,
     is_same: NDArray[np.bool_],
+    behind: NDArray[np.int32],
+    is_same_behind: NDArray[np.bool_],
     n_needed: NDArray[np.int64],
 ) -> NDArray[np.bool_]:
     """Return which pixels (N,) lie inside a surface from which scattered pixels are lost.
 
     Behind at least `n_needed` (N,) lost neighbours, the surface goes on. All pixels measured there lie on it, and they
-    are on all sides: at the edge of a shadow, three neighbours in a row have none. `is_same` (8, N) are the neighbours
-    on the same surface.
+    are on all sides: at the edge of a shadow, three neighbours in a row have none.
+
+    Args:
+        is_same: (8, N) mask of the neighbours on the same surface.
+        behind: (8, 3, N) depth counts of the pixels behind each neighbour; -1 outside the image.
+        is_same_behind: (8, 3, N) mask of these pixels that are on the same surface.
+        n_needed: (N,) minimum number of lost neighbours.
     """
-    depth = image[rows, columns].astype(np.int32)
-    behind = np.array([_depths_at(image, rows, columns, offsets) for offsets in BEHIND_NEIGHBOURS])
-    is_same_behind = (behind > 0) & (np.abs(behind - depth) < max_step)
     goes_on = is_same_behind.any(axis=1)
     is_empty = ~(is_same | goes_on)
     is_one_sided = (is_empty & np.roll(is_empty, 1, axis=0) & np.roll(is_empty, 2, axis=0)).any(axis=0)

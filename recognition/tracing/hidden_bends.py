@@ -211,7 +211,8 @@ def _fit_ends(end_fragment: Indices, fragments: Sequence[Fragment], r: float) ->
         # The first point of a fragment comes before its last point.
         is_start = k % 2 == 0
         line = fragments[fragment].points
-        point, direction = _fit_end(line if is_start else line[::-1], r)
+        from_end = line if is_start else line[::-1]
+        point, direction = _fit_end(from_end, r)
         points.append(point)
         directions.append(direction)
     return _FittedEnds(end_fragment, np.array(points), np.array(directions))
