@@ -6,7 +6,8 @@ views. `model_systematic_errors` adjusts the remaining views again, with smooth 
 errors. `estimate_residual_distortion` estimates the remaining lens distortion.
 """
 
-from calibration.solver.bundle_adjustment import Adjustment, adjust
+from calibration.solver.adjustment import Adjustment
+from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
 from calibration.solver.noise import NoiseLevel, NoisePriors

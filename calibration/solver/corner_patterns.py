@@ -8,7 +8,7 @@ explain shows how far the corners can be trusted about the lens.
 import numpy as np
 
 from calibration.pose_estimation.projection import pixel_jacobian, reprojection_residuals
-from calibration.solver.bundle_adjustment import Adjustment
+from calibration.solver.adjustment import Adjustment
 from calibration.solver.problem import Problem
 
 EXPONENTS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
@@ -26,7 +26,8 @@ def lens_information_weight(problem: Problem, adjusted: Adjustment) -> float:
         problem: The measurements and priors.
         adjusted: The solution with its used views and inlier corners.
     """
-    corners, corrections = problem.corners, adjusted.unknowns.corrections
+    corners = problem.corners
+    corrections = adjusted.unknowns.corrections
     inliers = adjusted.inliers & adjusted.used[:, None]
     T_camera_board = adjusted.unknowns.T_camera_board(problem)
     residuals, points = reprojection_residuals(T_camera_board, corrections, corners)
@@ -36,7 +37,8 @@ def lens_information_weight(problem: Problem, adjusted: Adjustment) -> float:
     rays = rays / max(float(np.abs(rays[inliers]).max(initial=0.0)), 1e-9)
     shifts = np.stack([rays[..., 0] ** m * rays[..., 1] ** n for m, n in EXPONENTS], axis=2)
     count = 2 * len(EXPONENTS)
-    g, H = np.zeros(count), np.zeros((count, count))
+    g = np.zeros(count)
+    H = np.zeros((count, count))
     for view in np.flatnonzero(inliers.any(axis=1)):
         seen = inliers[view]
         patterns = np.kron(np.eye(2), shifts[view, seen])
@@ -50,4 +52,6 @@ def lens_information_weight(problem: Problem, adjusted: Adjustment) -> float:
     if not determined.any():
         return 1.0
     squares = (vectors.T @ g)[determined] ** 2 / values[determined] / adjusted.noise.pixel_px**2
-    return float(min(1.0, determined.sum() / squares.sum())) if squares.sum() > 0 else 1.0
+    if not squares.sum() > 0:
+        return 1.0
+    return float(min(1.0, determined.sum() / squares.sum()))

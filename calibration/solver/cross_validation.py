@@ -13,9 +13,18 @@ from calibration.geometry.se3 import adjoint, invert_stack, pose_from_twist, twi
 from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import PLACEHOLDER_POSE, BoardPoses, refine_poses
 from calibration.pose_estimation.projection import pixel_normal_equations
-from calibration.solver.bundle_adjustment import Adjustment
-from calibration.solver.problem import N_SHARED, Problem, board_motion_jacobian, implied_robot_errors
+from calibration.solver.adjustment import Adjustment
+from calibration.solver.problem import (
+    BOARD_REGULARISATION,
+    N_SHARED,
+    Problem,
+    board_motion_jacobian,
+    implied_robot_errors,
+)
 from calibration.solver.variance_components import robot_error_squares
+
+RELATIVE_DAMPING = 1e-12
+"""Damping of the solution without a view, relative to the diagonal of its information matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +52,17 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
         board_poses: Board poses, each estimated from one view alone.
         adjusted: The solution from the used views.
     """
-    unknowns, mounting = adjusted.unknowns, problem.mounting
+    mounting = problem.mounting
+    unknowns = adjusted.unknowns
     step, covariance = _leave_one_out_steps(adjusted)
-    X, Y = unknowns.X @ pose_from_twist(step[:, :6]), unknowns.Y @ pose_from_twist(step[:, 6:12])
+    X = unknowns.X @ pose_from_twist(step[:, :6])
+    Y = unknowns.Y @ pose_from_twist(step[:, 6:12])
 
     inliers = np.where(adjusted.used[:, None], adjusted.inliers, board_poses.inliers)
     T = np.where(board_poses.found[:, None, None], board_poses.T_camera_board, PLACEHOLDER_POSE)
     T = refine_poses(T, unknowns.corrections, problem.corners, inliers)
     blocks = pixel_normal_equations(T, unknowns.corrections, problem.corners, inliers)
-    H_board = blocks.H[:, :6, :6] + 1e-6 * np.eye(6)
+    H_board = blocks.H[:, :6, :6] + BOARD_REGULARISATION * np.eye(6)
     J_corrections = -np.linalg.solve(H_board, blocks.H[:, :6, 6:])
     T_camera_board = pose_from_twist(np.matvec(J_corrections, step[:, 12:N_SHARED])) @ T
     robot_errors = twist_from_pose(implied_robot_errors(mounting, problem.T_base_flange, X, Y, T_camera_board))
@@ -59,11 +70,11 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
     # Expected covariance of the errors: robot noise, corner noise of the view, and uncertainty of the prediction.
     J_board = invert_stack(board_motion_jacobian(mounting, unknowns.X, unknowns.Y, T))
     eye = np.broadcast_to(np.eye(6), (len(T), 6, 6))
-    J_shared = np.concatenate(
-        [J_board @ np.concatenate([eye, -adjoint(T), J_corrections], axis=2), -problem.smooth_modes], axis=2
-    )
+    J_camera_board = np.concatenate([eye, -adjoint(T), J_corrections], axis=2)
+    J_shared = np.concatenate([J_board @ J_camera_board, -problem.smooth_modes], axis=2)
+    robot_variances = np.repeat(_leave_one_out_robot_sigmas(problem, adjusted) ** 2, 3, axis=1)
     expected = (
-        np.repeat(_leave_one_out_robot_sigmas(problem, adjusted) ** 2, 3, axis=1)[..., None] * np.eye(6)
+        robot_variances[..., None] * np.eye(6)
         + adjusted.noise.pixel_px**2 * J_board @ invert_stack(H_board) @ J_board.swapaxes(1, 2)
         + J_shared @ covariance @ J_shared.swapaxes(1, 2)
     )
@@ -75,8 +86,12 @@ def cross_validate(problem: Problem, board_poses: BoardPoses, adjusted: Adjustme
     loo_error_m = np.linalg.norm(difference @ middle, axis=1)
     rms = np.sqrt(blocks.squares_px2 / np.maximum(2 * inliers.sum(axis=1), 1))
     found = board_poses.found
-    known = [np.where(found, values, np.nan) for values in (squares, loo_error_m, rms)]
-    return CrossValidation(np.where(found[:, None], robot_errors, np.nan), *known)
+    return CrossValidation(
+        robot_errors=np.where(found[:, None], robot_errors, np.nan),
+        squares=np.where(found, squares, np.nan),
+        loo_error_m=np.where(found, loo_error_m, np.nan),
+        rms_px=np.where(found, rms, np.nan),
+    )
 
 
 def _board_difference(
@@ -101,13 +116,14 @@ def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDA
     Returns:
         Changes (N, N_SHARED), and covariances (N, N_SHARED, N_SHARED) of the unknowns without the view.
     """
-    equations, used = adjusted.normal_equations, adjusted.used
+    equations = adjusted.normal_equations
+    used = adjusted.used
     own_H = np.where(used[:, None, None], equations.H_reduced, 0.0)
     own_g = np.where(used[:, None], equations.g_reduced, 0.0)
     H = equations.shared_information(used) - own_H
     # Damping keeps H invertible if the remaining views are too few for a solution, for example two of three.
     diagonal = np.einsum("nii->ni", H)
-    diagonal += 1e-12 * np.abs(diagonal)
+    diagonal += RELATIVE_DAMPING * np.abs(diagonal)
     covariance = invert_stack(H)
     g = own_g.sum(axis=0) + equations.g_prior - own_g
     return np.matvec(covariance, g), covariance
@@ -115,8 +131,5 @@ def _leave_one_out_steps(adjusted: Adjustment) -> tuple[NDArray[np.float64], NDA
 
 def _leave_one_out_robot_sigmas(problem: Problem, adjusted: Adjustment) -> NDArray[np.float64]:
     """Return robot sigmas (N, 2), rad and m, from the other views: a bad view must not raise its own error limit."""
-    used = adjusted.used
-    robot = robot_error_squares(
-        adjusted.unknowns.robot_errors, adjusted.noise, adjusted.normal_equations, adjusted.shared_covariance, used
-    )
-    return np.array([robot.sigmas(problem.priors, k if used[k] else None) for k in range(len(used))])
+    robot = robot_error_squares(adjusted)
+    return np.array([robot.sigmas(problem.priors, excluded=k) for k in range(len(adjusted.used))])

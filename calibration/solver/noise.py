@@ -1,13 +1,14 @@
 """Noise levels and priors of the calibration."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-SMOOTH_START_M, SMOOTH_START_RAD = 5e-4, float(np.radians(0.1))
-"""Levels of the smooth robot error per axis at which the estimate begins, metres and radians: those of an arm without
-its own calibration."""
+SMOOTH_START_M = 5e-4
+"""Smooth position error per axis at which the estimate begins, metres: that of an arm without its own calibration."""
+SMOOTH_START_RAD = float(np.radians(0.1))
+"""Smooth rotation error per axis at which the estimate begins, radians: that of an arm without its own calibration."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,12 @@ class NoisePriors:
     @property
     def noise(self) -> NoiseLevel:
         """Initial noise levels."""
+        given = NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad, self.smooth_m, self.smooth_rad)
+        if not self.estimate_noise:
+            return given
         # The estimate of a smooth error can stay at a low level, but does not stay at a level that is too high.
-        start = (SMOOTH_START_M, SMOOTH_START_RAD) if self.estimate_noise else (0.0, 0.0)
-        smooth = max(self.smooth_m, start[0]), max(self.smooth_rad, start[1])
-        return NoiseLevel(self.pixel_px, self.robot_m, self.robot_rad, *smooth)
+        return replace(
+            given,
+            smooth_m=max(self.smooth_m, SMOOTH_START_M),
+            smooth_rad=max(self.smooth_rad, SMOOTH_START_RAD),
+        )

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pose_estimation.board_pose import BoardPoses, inlier_corners
-from calibration.solver.bundle_adjustment import Adjustment, adjust
+from calibration.solver.adjustment import Adjustment
+from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.cross_validation import CrossValidation, cross_validate
 from calibration.solver.problem import Problem, Unknowns
 
@@ -59,7 +60,9 @@ def reject_outliers(
     free_adjusted = adjust(free_problem, start, board_poses.found, board_poses.inliers, problem.priors.noise)
     free = keep_consistent_views(free_problem, board_poses, free_adjusted)
     changed = abs(np.log(free.adjusted.board_scale)) > MIN_SCALE_CHANGE
-    return free if changed and free.adjusted.used.sum() > nominal.adjusted.used.sum() else nominal
+    if changed and free.adjusted.used.sum() > nominal.adjusted.used.sum():
+        return free
+    return nominal
 
 
 def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: Adjustment) -> ConsistentSolution:
@@ -75,7 +78,7 @@ def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: A
     inliers = _update_inliers(problem, adjusted, adjusted.inliers)
     cross_validation = cross_validate(problem, board_poses, adjusted)
     for _ in range(2 * len(adjusted.used)):
-        used = _update_used(adjusted.used, cross_validation.squares, *_rejection_limits(adjusted))
+        used = _update_used(adjusted.used, cross_validation.squares)
         if (used == adjusted.used).all():
             break
         robot_errors = np.where(used[:, None] & adjusted.used[:, None], adjusted.unknowns.robot_errors, 0.0)
@@ -89,33 +92,31 @@ def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: A
     return ConsistentSolution(adjusted, cross_validation)
 
 
-def _rejection_limits(adjusted: Adjustment) -> tuple[float, float]:
-    """Return two limits of `CrossValidation.squares`: exclude a view above the first, include it below the second."""
-    from scipy.special import fdtri
+def _update_used(used: NDArray[np.bool_], squares: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return the mask (N,) of the views to use next, by their `CrossValidation.squares` (N,).
 
-    # The squares divided by 6 follow an F-distribution, because the noise is estimated from few views.
-    errors = 6.0 * max(int(adjusted.used.sum()) - 3, 1)
-    return 6.0 * float(fdtri(6, errors, 1 - EXCLUDE_P_VALUE)), 6.0 * float(fdtri(6, errors, 1 - INCLUDE_P_VALUE))
-
-
-def _update_used(
-    used: NDArray[np.bool_], squares: NDArray[np.float64], exclude_above: float, include_below: float
-) -> NDArray[np.bool_]:
-    """Return the mask (N,) of the views to use next.
-
-    Excluded views with `squares` below `include_below` are included again. If no view is included again, the used view
-    with the largest value is excluded, if the value is above `exclude_above`.
+    Excluded views that agree with the others are included again. If none agrees, the used view with the largest value
+    is excluded, if it is an outlier.
     """
-    returning = ~used & (squares < include_below)
+    returning = ~used & (squares < _squares_limit(used, INCLUDE_P_VALUE))
     if returning.any():
         return used | returning
     # Exclude one view at a time, because a bad view also worsens the errors of good views.
     squares_of_used = np.where(used, squares, -np.inf)
     worst = int(np.argmax(squares_of_used))
-    if squares_of_used[worst] > exclude_above and used.sum() > MIN_VIEWS:
+    if squares_of_used[worst] > _squares_limit(used, EXCLUDE_P_VALUE) and used.sum() > MIN_VIEWS:
         used = used.copy()
         used[worst] = False
     return used
+
+
+def _squares_limit(used: NDArray[np.bool_], p_value: float) -> float:
+    """Return the value of `CrossValidation.squares` that a good view exceeds with the probability `p_value`."""
+    from scipy.special import fdtri
+
+    # The squares divided by 6 follow an F-distribution, because the noise is estimated from few views.
+    degrees_of_freedom = 6.0 * max(int(used.sum()) - 3, 1)
+    return 6.0 * float(fdtri(6, degrees_of_freedom, 1 - p_value))
 
 
 def _update_inliers(problem: Problem, adjusted: Adjustment, inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -30,6 +30,8 @@ from calibration.solver.smooth_errors import smooth_modes
 N_SHARED = 12 + N_CORRECTIONS
 """Number of unknowns shared by all views, in this order: twist of X (6), twist of Y (6), and the `N_CORRECTIONS`
 corrections of the camera matrix and the board scale. A twist has the order rotation (rad), then translation (m)."""
+BOARD_REGULARISATION = 1e-6
+"""Information that is added about the board pose of each view. It matters for views without corners only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,17 +87,19 @@ class Unknowns:
 
     def T_camera_board(self, problem: Problem) -> NDArray[np.float64]:
         """Return the predicted board poses (N, 4, 4) in the camera frame, metres."""
-        flange = problem.T_base_flange @ pose_from_twist(self.all_robot_errors(problem))
-        return invert_poses(self.X) @ (flange if problem.mounting == "eye-to-hand" else invert_poses(flange)) @ self.Y
+        T_base_flange = problem.T_base_flange @ pose_from_twist(self.all_robot_errors(problem))
+        if problem.mounting == "eye-in-hand":
+            return invert_poses(self.X) @ invert_poses(T_base_flange) @ self.Y
+        return invert_poses(self.X) @ T_base_flange @ self.Y
 
     def add_step(self, shared: NDArray[np.float64], robot_errors: NDArray[np.float64]) -> "Unknowns":
         """Return the unknowns after the steps `shared` (N_SHARED,) and `robot_errors` (N, 6)."""
         return Unknowns(
-            self.X @ pose_from_twist(shared[:6]),
-            self.Y @ pose_from_twist(shared[6:12]),
-            self.robot_errors + robot_errors,
-            self.corrections + shared[12:N_SHARED],
-            self.smooth_weights + shared[N_SHARED:],
+            X=self.X @ pose_from_twist(shared[:6]),
+            Y=self.Y @ pose_from_twist(shared[6:12]),
+            robot_errors=self.robot_errors + robot_errors,
+            corrections=self.corrections + shared[12:N_SHARED],
+            smooth_weights=self.smooth_weights + shared[N_SHARED:],
         )
 
 
@@ -168,7 +172,13 @@ def linearise_corners(problem: Problem, unknowns: Unknowns, inliers: NDArray[np.
     blocks = _discount_lens(blocks, problem.lens_weight)
     J = _unknowns_jacobian(problem, unknowns, T_camera_board)
     Jt = J.swapaxes(1, 2)
-    return LinearisedCorners(unknowns, Jt @ blocks.H @ J, np.matvec(Jt, blocks.g), squares_px2, blocks.squares_px2)
+    return LinearisedCorners(
+        unknowns=unknowns,
+        H=Jt @ blocks.H @ J,
+        g=np.matvec(Jt, blocks.g),
+        squares_px2=squares_px2,
+        cost_px2=blocks.squares_px2,
+    )
 
 
 def build_normal_equations(
@@ -183,13 +193,15 @@ def build_normal_equations(
         noise: Standard deviations of the corners and the robot errors.
     """
     weight = 1 / noise.pixel_px**2
-    H, g = weight * corners.H, weight * corners.g
-    robot_errors, corrections = corners.unknowns.robot_errors, corners.unknowns.corrections
+    H = weight * corners.H
+    g = weight * corners.g
+    robot_errors = corners.unknowns.robot_errors
+    corrections = corners.unknowns.corrections
+    smooth_weights = corners.unknowns.smooth_weights
     H_robot = H[:, :6, :6] + np.diag(1 / noise.robot**2)
     H_cross = H[:, :6, 6:]
     g_robot = g[:, :6] - robot_errors / noise.robot**2
     elimination = np.linalg.solve(H_robot, np.concatenate([H_cross, g_robot[..., None]], axis=2))
-    smooth_weights = corners.unknowns.smooth_weights
     smooth_sigmas = noise.smooth_sigmas(len(smooth_weights))
     prior = np.concatenate([np.zeros(12), 1 / problem.correction_sigmas**2, 1 / smooth_sigmas**2])
     cost = (
@@ -265,11 +277,10 @@ def _discount_lens(blocks: PixelNormalEquations, weight: float) -> PixelNormalEq
     """
     if weight == 1.0:
         return blocks
-    H, g = blocks.H.copy(), blocks.g.copy()
-    # The regularisation matters for views without corners only.
-    elimination = np.linalg.solve(
-        H[:, :6, :6] + 1e-6 * np.eye(6), np.concatenate([H[:, :6, 6:], g[:, :6, None]], axis=2)
-    )
+    H = blocks.H.copy()
+    g = blocks.g.copy()
+    H_board = H[:, :6, :6] + BOARD_REGULARISATION * np.eye(6)
+    elimination = np.linalg.solve(H_board, np.concatenate([H[:, :6, 6:], g[:, :6, None]], axis=2))
     explained = H[:, 6:, :6] @ elimination
     H[:, 6:, 6:] -= (1 - weight) * (H[:, 6:, 6:] - explained[..., :-1])
     g[:, 6:] -= (1 - weight) * (g[:, 6:] - explained[..., -1])

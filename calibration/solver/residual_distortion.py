@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.pose_estimation.projection import pixel_jacobian, reprojection_residuals
-from calibration.solver.bundle_adjustment import Adjustment
+from calibration.solver.adjustment import Adjustment
 from calibration.solver.problem import Problem
 
 
@@ -38,7 +38,8 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
     Returns:
         The coefficient k1 with its standard deviation.
     """
-    corners, corrections = problem.corners, adjusted.unknowns.corrections
+    corners = problem.corners
+    corrections = adjusted.unknowns.corrections
     inliers = adjusted.inliers & adjusted.used[:, None]
     T_camera_board = adjusted.unknowns.T_camera_board(problem)
     residuals, points = reprojection_residuals(T_camera_board, corrections, corners)
@@ -46,7 +47,8 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
     # Jacobian of the pixels with respect to k1.
     J_k1 = corners.K[[0, 1], [0, 1]] * (1 + corrections[:2]) * rays * (rays**2).sum(axis=2, keepdims=True)
     jacobians = pixel_jacobian(T_camera_board, corrections, corners, points)
-    g, H = 0.0, 0.0
+    g = 0.0
+    H = 0.0
     for view in np.flatnonzero(inliers.any(axis=1)):
         seen = inliers[view]
         J_explained = jacobians[view].reshape(-1, 2, len(seen))[:, :, seen].reshape(len(jacobians[view]), -1).T

@@ -32,12 +32,12 @@ def model_systematic_errors(
     weight = lens_information_weight(problem, solution.adjusted)
     problem = replace(problem, has_smooth_errors=True, lens_weight=weight)
     free_problem = replace(problem, priors=replace(problem.priors, scale=FREE_SCALE_SIGMA))
-    noise = replace(
-        solution.adjusted.noise, smooth_m=problem.priors.noise.smooth_m, smooth_rad=problem.priors.noise.smooth_rad
-    )
+    initial = problem.priors.noise
+    noise = replace(solution.adjusted.noise, smooth_m=initial.smooth_m, smooth_rad=initial.smooth_rad)
     n_smooth = problem.smooth_modes.shape[2]
     start = replace(solution.adjusted.unknowns, smooth_weights=np.zeros(n_smooth))
-    used, inliers = solution.adjusted.used, solution.adjusted.inliers
+    used = solution.adjusted.used
+    inliers = solution.adjusted.inliers
     free = adjust(free_problem, start, used, inliers, noise)
     limit = MAX_SCALE_SIGMAS * np.hypot(free.board_scale_sigma, problem.priors.scale)
     if abs(np.log(free.board_scale)) > limit:

@@ -9,7 +9,8 @@ import pytest
 from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import estimate_board_poses
 from calibration.pose_estimation.projection import N_CORRECTIONS, reprojection_residuals, stack_corners
-from calibration.solver.bundle_adjustment import Adjustment, adjust
+from calibration.solver.adjustment import Adjustment
+from calibration.solver.bundle_adjustment import adjust
 from calibration.solver.cross_validation import cross_validate
 from calibration.solver.noise import NoiseLevel, NoisePriors
 from calibration.solver.problem import (
