@@ -10,7 +10,6 @@ from calibration.assessment.diagnosis import check_consistent_start, check_not_m
 from calibration.assessment.evidence import collect_evidence
 from calibration.assessment.view_reports import report_views
 from calibration.errors import HandEyeInputError
-from calibration.geometry.se3 import invert_poses
 from calibration.input_checks.observations import check_camera_moved, check_observations
 from calibration.observations import Observations
 from calibration.pose_estimation.board_pose import BoardPoses, estimate_board_poses
@@ -18,7 +17,7 @@ from calibration.pose_estimation.duplicate_poses import add_duplicate_reports, c
 from calibration.pose_estimation.projection import N_CORRECTIONS, stack_corners
 from calibration.result import HandEyeResult
 from calibration.solver.bundle_adjustment import adjust
-from calibration.solver.initialisation import estimate_initial_guess
+from calibration.solver.initialisation import equation_poses, estimate_initial_guess
 from calibration.solver.noise import NoisePriors
 from calibration.solver.outlier_rejection import reject_outliers
 from calibration.solver.problem import N_SHARED, Problem, Unknowns
@@ -84,8 +83,8 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
     adjusted = adjust(problem, start, used, board_poses.inliers, problem.priors.noise)
     solution = reject_outliers(problem, board_poses, start, adjusted)
     problem, solution = model_systematic_errors(problem, board_poses, solution)
-    evidence = collect_evidence(distinct, problem, board_poses, solution.adjusted, solution.cross_validation)
-    reports = report_views(evidence.names, problem, board_poses, solution.adjusted, solution.cross_validation)
+    evidence = collect_evidence(distinct, problem, board_poses, solution)
+    reports = report_views(evidence.names, problem, board_poses, solution)
     return HandEyeResult(
         mounting=evidence.mounting,
         X=evidence.X,
@@ -126,9 +125,10 @@ def _initialise(
 ) -> tuple[Unknowns, NDArray[np.bool_]]:
     """Return initial unknowns (X and Y by RANSAC, all other unknowns zero) and the mask (N,) of inlier views."""
     found = board_poses.found
-    T_base_flange, T_camera_board = problem.T_base_flange[found], board_poses.T_camera_board[found]
+    T_base_flange = problem.T_base_flange[found]
+    T_camera_board = board_poses.T_camera_board[found]
     guess = estimate_initial_guess(
-        T_base_flange if problem.mounting == "eye-in-hand" else invert_poses(T_base_flange),
+        equation_poses(T_base_flange, problem.mounting),
         T_camera_board,
         problem.corners.middle,
         problem.priors.robot_m,
@@ -138,4 +138,10 @@ def _initialise(
     check_consistent_start(guess, T_base_flange, T_camera_board, problem.mounting, names_found)
     used = np.zeros(len(found), dtype=bool)
     used[found] = guess.inliers
-    return Unknowns(guess.X, guess.Y, np.zeros((len(found), 6)), np.zeros(N_CORRECTIONS)), used
+    start = Unknowns(
+        X=guess.X,
+        Y=guess.Y,
+        robot_errors=np.zeros((len(found), 6)),
+        corrections=np.zeros(N_CORRECTIONS),
+    )
+    return start, used

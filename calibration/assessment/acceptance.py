@@ -67,7 +67,9 @@ def acceptance_findings(evidence: Evidence) -> tuple[Finding, ...]:
     codes = {finding.code for finding in findings}
     suspicious = codes & {"inconsistent", "robot-error", "left-out-error"}
     n_rejected = int((_has_board(evidence) & ~evidence.used).sum())
-    cause = _diagnose(evidence) if suspicious or n_rejected >= MIN_VIEWS_PER_SIDE else None
+    if not suspicious and n_rejected < MIN_VIEWS_PER_SIDE:
+        return findings
+    cause = _diagnose(evidence)
     if cause is None or cause.code in codes or (cause.code == "inconsistent" and not suspicious):
         return findings
     return cause, *(finding for finding in findings if finding.code != "inconsistent")
@@ -112,7 +114,8 @@ def _diagnose(evidence: Evidence) -> Finding | None:
 def _consistency_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """Return the findings about the number of used views and the diversity of their rotations."""
     findings = []
-    count, used = int(_has_board(evidence).sum()), int(evidence.used.sum())
+    count = int(_has_board(evidence).sum())
+    used = int(evidence.used.sum())
     if used < MIN_CONSISTENT_SHARE * count:
         findings.append(
             _refusal(
@@ -141,7 +144,7 @@ def _consistency_findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 def _accuracy_findings(evidence: Evidence) -> tuple[Finding, ...]:
     """Return the findings about convergence, the covariance of X, the noise levels and the leave-one-out error."""
-    findings = []
+    findings: list[Finding] = []
     if not evidence.converged:
         findings.append(
             _refusal(
@@ -150,26 +153,7 @@ def _accuracy_findings(evidence: Evidence) -> tuple[Finding, ...]:
                 "and add views with more tilt and roll, from two distances",
             )
         )
-    with np.errstate(invalid="ignore"):  # NaN fails each `not <=` below
-        sigma_m = float(np.sqrt(np.trace(evidence.covariance[3:, 3:])))
-        sigma_rad = float(np.sqrt(np.trace(evidence.covariance[:3, :3])))
-    more = "add views with more tilt and roll, from two distances"
-    if not sigma_m <= MAX_SIGMA_M:
-        findings.append(
-            _refusal(
-                "uncertain-place",
-                f"the position of the camera is uncertain by {1e3 * sigma_m:.2f} mm, and at most {1e3 * MAX_SIGMA_M:g} "
-                f"mm is accepted: {more}",
-            )
-        )
-    if not sigma_rad <= MAX_SIGMA_RAD:
-        findings.append(
-            _refusal(
-                "uncertain-direction",
-                f"the rotation of the camera is uncertain by {np.degrees(sigma_rad):.2f} degrees, and at most "
-                f"{np.degrees(MAX_SIGMA_RAD):.2f} is accepted: {more}",
-            )
-        )
+    findings.extend(_covariance_findings(evidence))
     if not evidence.pixel_sigma_px <= MAX_PIXEL_SIGMA_PX:
         findings.append(
             _refusal(
@@ -192,10 +176,37 @@ def _accuracy_findings(evidence: Evidence) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
+def _covariance_findings(evidence: Evidence) -> list[Finding]:
+    """Return the findings about the covariance of X."""
+    findings = []
+    with np.errstate(invalid="ignore"):  # NaN fails each `not <=` below
+        sigma_m = float(np.sqrt(np.trace(evidence.covariance[3:, 3:])))
+        sigma_rad = float(np.sqrt(np.trace(evidence.covariance[:3, :3])))
+    more = "add views with more tilt and roll, from two distances"
+    if not sigma_m <= MAX_SIGMA_M:
+        findings.append(
+            _refusal(
+                "uncertain-place",
+                f"the position of the camera is uncertain by {1e3 * sigma_m:.2f} mm, and at most {1e3 * MAX_SIGMA_M:g} "
+                f"mm is accepted: {more}",
+            )
+        )
+    if not sigma_rad <= MAX_SIGMA_RAD:
+        findings.append(
+            _refusal(
+                "uncertain-direction",
+                f"the rotation of the camera is uncertain by {np.degrees(sigma_rad):.2f} degrees, and at most "
+                f"{np.degrees(MAX_SIGMA_RAD):.2f} is accepted: {more}",
+            )
+        )
+    return findings
+
+
 def _robot_findings(evidence: Evidence) -> list[Finding]:
     """Return the finding about the errors of the reported flange poses, if the errors are too large."""
     # The estimates are per axis. The limits are for the root sum of squares over the three axes.
-    error_m, error_rad = np.sqrt(3.0) * evidence.robot_sigma_m, np.sqrt(3.0) * evidence.robot_sigma_rad
+    error_m = np.sqrt(3.0) * evidence.robot_sigma_m
+    error_rad = np.sqrt(3.0) * evidence.robot_sigma_rad
     if error_m <= MAX_ROBOT_ERROR_M and error_rad <= MAX_ROBOT_ERROR_RAD:
         return []
     return [

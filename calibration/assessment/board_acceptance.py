@@ -21,7 +21,8 @@ def board_findings(evidence: Evidence) -> tuple[Finding, ...]:
         evidence: Solution and views of the calibration.
     """
     findings = []
-    scale, sigma = evidence.board_scale, evidence.board_scale_sigma
+    scale = evidence.board_scale
+    sigma = evidence.board_scale_sigma
     limit = max(MAX_SCALE_CHANGE, MAX_SCALE_SIGMAS * sigma)
     if not abs(scale - 1.0) <= limit:
         findings.append(

@@ -18,34 +18,66 @@ The codes of the findings are
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.assessment.change_point import MAX_CHI2, MIN_VIEWS_PER_SIDE, Fit, fit_changes, fit_without_change
+from calibration.assessment.change_point import (
+    MAX_CHI2,
+    MIN_VIEWS_PER_SIDE,
+    Fit,
+    Moved,
+    PoseNoise,
+    fit_changes,
+    fit_without_change,
+)
 from calibration.assessment.rotation_conventions import reinterpret_rotations
 from calibration.errors import HandEyeInputError
 from calibration.geometry.se3 import invert_poses, rotation_angles
 from calibration.observations import Mounting
 from calibration.result import Finding
-from calibration.solver.initialisation import InitialGuess, estimate_initial_guess
+from calibration.solver.initialisation import InitialGuess, equation_poses, estimate_initial_guess
 
-MAX_FIT_DEVIATION_M, MAX_FIT_DEVIATION_RAD = 0.01, np.radians(1.0)
-"""Maximum deviation of a fitting view, metres and radians. Noise causes smaller deviations. Each mistake in the list
-causes larger deviations in most views."""
+MAX_FIT_DEVIATION_M = 0.01
+"""Maximum distance of a fitting view, metres. Noise causes smaller deviations. Each mistake in the list causes larger
+deviations in most views."""
+MAX_FIT_DEVIATION_RAD = np.radians(1.0)
+"""Maximum rotation of a fitting view, radians, for the same reason."""
 MIN_FITTING_SHARE = 0.8
 """Minimum fraction of fitting views for an explanation."""
-NEAR_M, NEAR_RAD, MIN_NEAR_SHARE = 0.05, np.radians(6.0), 0.5
-"""Limits for starting the solver. At least the fraction `MIN_NEAR_SHARE` of the views must deviate from the initial
-guess by less than `NEAR_M` (metres) and `NEAR_RAD` (radians). Even the coarsest camera meets these limits."""
+NEAR_M = 0.05
+"""Maximum distance of a view near the initial guess, metres. Even the coarsest camera has smaller errors."""
+NEAR_RAD = np.radians(6.0)
+"""Maximum rotation of a view near the initial guess, radians."""
+MIN_NEAR_SHARE = 0.5
+"""Minimum fraction of the views that must be near the initial guess to start the solver."""
 MIN_VIEWS = 8
 """Minimum number of views for a diagnosis. Fewer views fit any explanation."""
 SHIFTS = (1, -1, 2, -2)
 """Offsets between images and poses that are tested, in views."""
+MIN_SHIFTED_VIEWS = MIN_VIEWS - 2
+"""Minimum number of shifted views. The largest shift leaves two views without a partner."""
 SHUFFLED_RAD = np.radians(0.5)
 """Limit for poses in the wrong order, radians. It is the maximum median difference between the sorted rotation angles
 of the flange and the sorted rotation angles of the camera."""
 MIN_CHI2_GAIN = 60.0
 """Minimum reduction of chi-square for a change of X or Y. Without a change, six more unknowns and the choice of the
 view reduce chi-square by about 20."""
-MIN_MOVE_M, MIN_MOVE_RAD = 1.5e-3, np.radians(0.2)
-"""Minimum change of X or Y that is reported, metres and radians. Noise may cause smaller changes."""
+MIN_MOVE_M = 1.5e-3
+"""Minimum translation of X or Y that is reported, metres. Noise may cause smaller changes."""
+MIN_MOVE_RAD = np.radians(0.2)
+"""Minimum rotation of X or Y that is reported, radians."""
+MOVES: dict[tuple[Moved, Mounting], tuple[str, str]] = {
+    ("Y", "eye-in-hand"): ("board-moved", "the board was moved: fasten it"),
+    ("X", "eye-in-hand"): (
+        "tcp-changed",
+        "the camera moved on the flange, or the reported flange frame changed: give all poses of the bare flange, "
+        "not of a tool that was changed, and fasten the camera",
+    ),
+    ("Y", "eye-to-hand"): (
+        "board-moved",
+        "the board moved on the flange, or the reported flange frame changed: fasten the board, and give all poses "
+        "of the bare flange, not of a tool that was changed",
+    ),
+    ("X", "eye-to-hand"): ("camera-moved", "the camera in the cell was moved: fasten it"),
+}
+"""Code and description of a change of X or Y."""
 
 
 def diagnose(
@@ -67,12 +99,12 @@ def diagnose(
     Returns:
         The finding, or None if the views are consistent.
     """
-    A = T_base_flange if mounting == "eye-in-hand" else invert_poses(T_base_flange)
+    A = equation_poses(T_base_flange, mounting)
     B = T_camera_board
-    if len(A) < MIN_VIEWS:
-        return None if _fit_together(A, B) else _inconsistent()
     names = names or tuple(str(index) for index in range(len(A)))
     together = _fit_together(A, B)
+    if len(A) < MIN_VIEWS:
+        return None if together else _inconsistent()
     if not together:
         mistake = _inverted(A, B, mounting) or _shifted(A, B) or _misread(T_base_flange, B, mounting)
         if mistake is not None:
@@ -148,13 +180,18 @@ def _inverted(A: NDArray[np.float64], B: NDArray[np.float64], mounting: Mounting
 
 def _shifted(A: NDArray[np.float64], B: NDArray[np.float64]) -> Finding | None:
     for shift in SHIFTS:
-        poses, images = (A[shift:], B[:-shift]) if shift > 0 else (A[:shift], B[-shift:])
-        if len(poses) >= MIN_VIEWS - 2 and _fit_together(poses, images):
-            count, which = abs(shift), "after" if shift > 0 else "before"
-            step = "right" if count == 1 else f"{count} views"
+        if shift > 0:
+            poses = A[shift:]
+            images = B[:-shift]
+        else:
+            poses = A[:shift]
+            images = B[-shift:]
+        if len(poses) >= MIN_SHIFTED_VIEWS and _fit_together(poses, images):
+            step = "right" if abs(shift) == 1 else f"{abs(shift)} views"
+            side = "after" if shift > 0 else "before"
             return _mistake(
                 "pairs-off-by-one",
-                f"each image fits the pose {step} {which} its own: pair each image with the pose that was read while "
+                f"each image fits the pose {step} {side} its own: pair each image with the pose that was read while "
                 "the arm stood still for it, and look for an image or a pose that is missing at one end",
             )
     return None
@@ -166,7 +203,7 @@ def _misread(T_base_flange: NDArray[np.float64], B: NDArray[np.float64], mountin
     for guess, meant in reinterpret_rotations(T_base_flange[:, :3, :3], rotating[:, :3, :3], MAX_FIT_DEVIATION_RAD):
         corrected = T_base_flange.copy()
         corrected[:, :3, :3] = meant
-        if _fit_together(corrected if mounting == "eye-in-hand" else invert_poses(corrected), B):
+        if _fit_together(equation_poses(corrected, mounting), B):
             return _mistake(
                 guess.code,
                 f"the rotations of the flange poses are {guess.description}: give them in their true convention (a "
@@ -180,44 +217,31 @@ def _moved(
 ) -> Finding | None:
     fits = fit_changes(A, B)
     # Compare all fits with the same noise: the smallest noise of any fit.
-    noise = min((fit.noise() for fit in fits), key=lambda sigmas: sigmas[0] * sigmas[1])
+    noise = min((fit.noise() for fit in fits), key=lambda noise: noise.rad * noise.m)
     best = min(fits, key=lambda fit: float(fit.squares(noise).sum()))
     if not _is_significant(best, fit_without_change(A, B), noise):
         return None
     assert best.shift is not None
-    turned, off = np.degrees(np.linalg.norm(best.shift[:3])), 1e3 * np.linalg.norm(best.shift[3:])
-    code, what = {
-        ("Y", "eye-in-hand"): ("board-moved", "the board was moved: fasten it"),
-        ("X", "eye-in-hand"): (
-            "tcp-changed",
-            "the camera moved on the flange, or the reported flange frame changed: give all poses of the bare flange, "
-            "not of a tool that was changed, and fasten the camera",
-        ),
-        ("Y", "eye-to-hand"): (
-            "board-moved",
-            "the board moved on the flange, or the reported flange frame changed: fasten the board, and give all poses "
-            "of the bare flange, not of a tool that was changed",
-        ),
-        ("X", "eye-to-hand"): ("camera-moved", "the camera in the cell was moved: fasten it"),
-    }[best.moved or "Y", mounting]
+    assert best.moved is not None
+    distance_mm = 1e3 * np.linalg.norm(best.shift[3:])
+    degrees = np.degrees(np.linalg.norm(best.shift[:3]))
+    code, what = MOVES[best.moved, mounting]
     return _mistake(
-        code, f"from view {names[best.first]} on, by {off:.1f} mm and {turned:.2f} degrees, {what}, and start again"
+        code,
+        f"from view {names[best.first]} on, by {distance_mm:.1f} mm and {degrees:.2f} degrees, {what}, and start again",
     )
 
 
-def _is_significant(best: Fit, unchanged: Fit, noise: tuple[float, float]) -> bool:
-    """Return whether a change of X or Y explains the views better than noise or two outliers.
-
-    `noise` are the standard deviations per axis, radians and metres.
-    """
+def _is_significant(best: Fit, unchanged: Fit, noise: PoseNoise) -> bool:
+    """Return whether a change of X or Y explains the views better than noise or two outliers."""
     assert best.shift is not None
     fitting = best.squares(noise) < MAX_CHI2
     enough = (
         fitting.mean() >= MIN_FITTING_SHARE
         and fitting[: best.first].sum() >= MIN_VIEWS_PER_SIDE
         and fitting[best.first :].sum() >= MIN_VIEWS_PER_SIDE
-        and noise[0] < MAX_FIT_DEVIATION_RAD / 2
-        and noise[1] < MAX_FIT_DEVIATION_M / 2
+        and noise.rad < MAX_FIT_DEVIATION_RAD / 2
+        and noise.m < MAX_FIT_DEVIATION_M / 2
     )
     far = np.linalg.norm(best.shift[3:]) > MIN_MOVE_M or np.linalg.norm(best.shift[:3]) > MIN_MOVE_RAD
     gain = float(unchanged.squares(noise).sum() - best.squares(noise).sum())
@@ -228,8 +252,9 @@ def _shuffled(A: NDArray[np.float64], B: NDArray[np.float64]) -> Finding | None:
     first, second = np.triu_indices(len(A), k=1)
     arm = rotation_angles(A[first, :3, :3].swapaxes(1, 2) @ A[second, :3, :3])
     camera = rotation_angles(B[first, :3, :3] @ B[second, :3, :3].swapaxes(1, 2))
-    alike, in_order = np.median(np.abs(np.sort(arm) - np.sort(camera))), np.median(np.abs(arm - camera))
-    if alike > SHUFFLED_RAD or in_order < 2 * SHUFFLED_RAD:
+    difference_in_order = np.median(np.abs(arm - camera))
+    difference_sorted = np.median(np.abs(np.sort(arm) - np.sort(camera)))
+    if difference_sorted > SHUFFLED_RAD or difference_in_order < 2 * SHUFFLED_RAD:
         return None
     return _mistake(
         "poses-shuffled",

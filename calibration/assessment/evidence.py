@@ -9,8 +9,7 @@ from calibration.assessment.view_reports import distances_m
 from calibration.observations import Mounting, Observations
 from calibration.pose_estimation.board_pose import BoardPoses
 from calibration.pose_estimation.projection import camera_matrix
-from calibration.solver.bundle_adjustment import Adjustment
-from calibration.solver.cross_validation import CrossValidation
+from calibration.solver.outlier_rejection import ConsistentSolution
 from calibration.solver.problem import Problem
 from calibration.solver.residual_distortion import estimate_residual_distortion
 
@@ -69,8 +68,7 @@ def collect_evidence(
     observations: Observations,
     problem: Problem,
     board_poses: BoardPoses,
-    adjusted: Adjustment,
-    cross_validation: CrossValidation,
+    solution: ConsistentSolution,
 ) -> Evidence:
     """Collect the evidence of a solved calibration.
 
@@ -78,10 +76,11 @@ def collect_evidence(
         observations: Board, camera and views of the calibration.
         problem: Measurements and priors of the calibration.
         board_poses: Board poses, each estimated from one view alone.
-        adjusted: Solution of the calibration.
-        cross_validation: Leave-one-out cross-validation of the solution.
+        solution: Solution of the calibration, with its cross-validation.
     """
-    unknowns, used = adjusted.unknowns, adjusted.used
+    adjusted = solution.adjusted
+    unknowns = adjusted.unknowns
+    used = adjusted.used
     smooth_errors = (problem.smooth_modes @ unknowns.smooth_weights)[used]
     distances = distances_m(problem, board_poses)
     radial = estimate_residual_distortion(problem, adjusted)
@@ -98,7 +97,7 @@ def collect_evidence(
         covariance=adjusted.shared_covariance[:6, :6],
         robot_sigma_m=float(np.hypot(adjusted.noise.robot_m, _rms(smooth_errors[:, 3:]))),
         robot_sigma_rad=float(np.hypot(adjusted.noise.robot_rad, _rms(smooth_errors[:, :3]))),
-        loo_error_m=_rms(cross_validation.loo_error_m[used]),
+        loo_error_m=_rms(solution.cross_validation.loo_error_m[used]),
         lever_m=_lever(problem.mounting, unknowns.X, unknowns.Y, problem.corners.middle, distance_m),
         pixel_sigma_px=adjusted.noise.pixel_px,
         K_nominal=observations.K,

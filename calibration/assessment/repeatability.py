@@ -60,7 +60,8 @@ def _rings() -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
     k = np.arange(VIEWS)
-    azimuth, elevation = 2 * np.pi * k / VIEWS, ELEVATIONS_RAD[k % 2]
+    azimuth = 2 * np.pi * k / VIEWS
+    elevation = ELEVATIONS_RAD[k % 2]
     z = -np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x, axis=1, keepdims=True)

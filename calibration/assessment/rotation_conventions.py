@@ -97,8 +97,10 @@ def _vector_as_euler(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
         warnings.filterwarnings("ignore", message="Gimbal lock")
         angles = Rotation.from_matrix(R).as_euler(order)
     # Two sets of Euler angles give the same rotation.
-    flipped = np.pi - angles[1] if order[0].lower() != order[2].lower() else -angles[1]
-    vectors = np.array([angles, [angles[0] + np.pi, flipped, angles[2] + np.pi]])
+    first, second, third = angles
+    is_symmetric = order[0].lower() == order[2].lower()
+    flipped = -second if is_symmetric else np.pi - second
+    vectors = np.array([angles, [first + np.pi, flipped, third + np.pi]])
     return Rotation.from_rotvec((vectors + np.pi) % (2 * np.pi) - np.pi).as_matrix()
 
 
@@ -108,7 +110,9 @@ def _euler_as_vector(R: NDArray[np.float64], order: str) -> NDArray[np.float64]:
 
     vector = Rotation.from_matrix(R).as_rotvec()
     angle = np.linalg.norm(vector)
-    vectors = np.array([vector, vector * (1 - 2 * np.pi / angle)]) if angle > 0 else vector[None]
+    vectors = vector[None]
+    if angle > 0:  # The longer rotation vector of the opposite direction gives the same rotation.
+        vectors = np.array([vector, vector * (1 - 2 * np.pi / angle)])
     return Rotation.from_euler(order, vectors).as_matrix()
 
 

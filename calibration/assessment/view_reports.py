@@ -4,24 +4,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.se3 import invert_poses, twist_from_pose
-from calibration.observations import Mounting
 from calibration.pose_estimation.board_pose import BoardPoses
 from calibration.result import ViewReport
-from calibration.solver.bundle_adjustment import Adjustment
-from calibration.solver.cross_validation import CrossValidation
-from calibration.solver.problem import Problem, implied_robot_errors
+from calibration.solver.outlier_rejection import ConsistentSolution
+from calibration.solver.problem import Problem, Unknowns, implied_robot_errors
 from calibration.target.board import MIN_CORNERS
 
-MAX_MATCH_M, MAX_MATCH_RAD = 2e-3, np.radians(0.5)
-"""Maximum difference between two poses, metres and radians, for an explanation to fit."""
+MAX_MATCH_M = 2e-3
+"""Maximum distance between two poses for an explanation to fit, metres."""
+MAX_MATCH_RAD = np.radians(0.5)
+"""Maximum rotation between two poses for an explanation to fit, radians."""
 
 
 def report_views(
     names: tuple[str, ...],
     problem: Problem,
     board_poses: BoardPoses,
-    adjusted: Adjustment,
-    cross_validation: CrossValidation,
+    solution: ConsistentSolution,
 ) -> tuple[ViewReport, ...]:
     """Return one report for each view, in the given order.
 
@@ -29,9 +28,10 @@ def report_views(
         names: Names of the N views.
         problem: Measurements and priors of the calibration.
         board_poses: Board poses, each estimated from one view alone.
-        adjusted: Solution of the calibration.
-        cross_validation: Leave-one-out cross-validation of the solution.
+        solution: Solution of the calibration, with its cross-validation.
     """
+    adjusted = solution.adjusted
+    cross_validation = solution.cross_validation
     used = adjusted.used
     squares = adjusted.normal_equations.squares_px2
     counts = problem.corners.seen.sum(axis=1)
@@ -40,12 +40,11 @@ def report_views(
     reports = []
     for k, name in enumerate(names):
         if used[k]:
-            reason, rms = None, np.sqrt(squares[k] / (2 * adjusted.inliers[k].sum()))
+            reason = None
+            rms = np.sqrt(squares[k] / (2 * adjusted.inliers[k].sum()))
         else:
-            reason, rms = (
-                _reason(k, names, problem, board_poses, adjusted, cross_validation),
-                cross_validation.rms_px[k],
-            )
+            reason = _reason(k, names, problem, board_poses, solution)
+            rms = cross_validation.rms_px[k]
         reports.append(
             ViewReport(
                 name=name,
@@ -78,12 +77,7 @@ def _known(value: float | np.floating) -> float | None:
 
 
 def _reason(
-    k: int,
-    names: tuple[str, ...],
-    problem: Problem,
-    board_poses: BoardPoses,
-    adjusted: Adjustment,
-    cross_validation: CrossValidation,
+    k: int, names: tuple[str, ...], problem: Problem, board_poses: BoardPoses, solution: ConsistentSolution
 ) -> str:
     """Return a message that says why view `k` was excluded and what to do."""
     if not board_poses.found[k]:
@@ -91,37 +85,29 @@ def _reason(
         if seen < MIN_CORNERS:
             return f"it shows {seen} corners, and {MIN_CORNERS} are needed: bring the whole board into the image"
         return "its corners do not fit the board: check that it is the given board, flat, sharp and not mirrored"
-    T, X, Y = board_poses.T_camera_board[k], adjusted.unknowns.X, adjusted.unknowns.Y
-    flange = problem.T_base_flange
-    if _fits(problem.mounting, flange[k : k + 1], X, Y, T @ _half_turn(problem.corners.middle))[0]:
+    unknowns = solution.adjusted.unknowns
+    T_camera_board = board_poses.T_camera_board[k]
+    if _fitting_poses(problem, unknowns, T_camera_board @ _half_turn(problem.corners.middle))[k]:
         return "its board is turned by half a turn: it was moved, or numbered from the opposite corner"
-    return _explain_by_other_view(k, problem.mounting, flange, X, Y, T, names) or _describe_robot_error(
-        cross_validation.robot_errors[k]
-    )
-
-
-def _explain_by_other_view(
-    k: int, mounting: Mounting, flange, X, Y, T_camera_board, names: tuple[str, ...]
-) -> str | None:
-    """Return a message if the image or the flange pose of view `k` seems to belong to another view, else None."""
-    others = np.arange(len(names)) != k
-    fitting = np.flatnonzero(_fits(mounting, flange, X, Y, T_camera_board) & others)
+    is_other = np.arange(len(names)) != k
+    fitting = np.flatnonzero(_fitting_poses(problem, unknowns, T_camera_board) & is_other)
     if len(fitting):
         other = names[fitting[0]]
         return f"its image fits the pose of view {other}: the two were swapped, or the pose was read at another time"
-    same = np.flatnonzero(_are_small(invert_poses(flange[k]) @ flange) & others)
+    same = np.flatnonzero(_are_small(invert_poses(problem.T_base_flange[k]) @ problem.T_base_flange) & is_other)
     if len(same):
         other = names[same[0]]
         return (
             f"its pose is that of view {other}, but its image is not: read the pose together with the image, when the "
             "arm has arrived"
         )
-    return None
+    return _describe_robot_error(solution.cross_validation.robot_errors[k])
 
 
 def _describe_robot_error(error: NDArray[np.float64]) -> str:
     """Return the message with the robot error (6,) that would explain the view: rotation (rad), translation (m)."""
-    error_m, error_rad = np.linalg.norm(error[3:]), np.linalg.norm(error[:3])
+    error_m = np.linalg.norm(error[3:])
+    error_rad = np.linalg.norm(error[:3])
     return (
         f"the arm would have been {1e3 * error_m:.1f} mm and {np.degrees(error_rad):.2f} degrees from its reported "
         "pose: read the pose while the arm is at rest, and check that board and camera were not touched"
@@ -135,9 +121,10 @@ def _half_turn(middle: NDArray[np.float64]) -> NDArray[np.float64]:
     return T
 
 
-def _fits(mounting: Mounting, flange, X, Y, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return the mask (N,), True for the poses `flange` (N, 4, 4) that explain the board pose `T_camera_board`."""
-    return _are_small(implied_robot_errors(mounting, flange, X, Y, T_camera_board))
+def _fitting_poses(problem: Problem, unknowns: Unknowns, T_camera_board: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return the mask (N,), True for the reported flange poses that explain the board pose `T_camera_board` (4, 4)."""
+    errors = implied_robot_errors(problem.mounting, problem.T_base_flange, unknowns.X, unknowns.Y, T_camera_board)
+    return _are_small(errors)
 
 
 def _are_small(differences: NDArray[np.float64]) -> NDArray[np.bool_]:
