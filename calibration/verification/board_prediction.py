@@ -1,6 +1,7 @@
 """Prediction of the board pose from a calibration, and comparison with the board poses observed in new views."""
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +10,11 @@ from calibration.errors import HandEyeInvalidError, HandEyeMismatchError
 from calibration.geometry.se3 import adjoint, invert_poses
 from calibration.input_checks.observations import MIN_VIEWS
 from calibration.observations import Observations
-from calibration.pose_estimation.board_pose import estimate_board_poses
+from calibration.pose_estimation.board_pose import MIN_NOISE_PX, estimate_board_poses
 from calibration.pose_estimation.corner_disambiguation import renumber_to_prediction
 from calibration.pose_estimation.projection import N_CORRECTIONS, pixel_normal_equations, stack_corners
 from calibration.result import HandEyeResult
+from calibration.solver.initialisation import equation_poses
 from calibration.solver.noise import NoisePriors
 from calibration.storage.hand_eye_file import HandEye, require_match
 from calibration.target.board import Board
@@ -22,6 +24,8 @@ MAX_FOCAL_DIFFERENCE = 0.05
 
 A larger difference means that the images have different sizes.
 """
+
+ValueT = TypeVar("ValueT")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,32 +79,36 @@ def predict_board(hand_eye: HandEye | HandEyeResult) -> PredictedBoard:
     # The joint covariance excludes the uncertainty of an unverified board size. Views cannot show this error.
     if isinstance(hand_eye, HandEyeResult):
         return PredictedBoard(
-            hand_eye.X,
-            hand_eye.Y,
-            hand_eye.joint_covariance,
-            hand_eye.K,
-            hand_eye.board_scale,
-            hand_eye.robot_sigma_m,
-            hand_eye.robot_sigma_rad,
-            sum(view.used for view in hand_eye.views),
+            X=hand_eye.X,
+            Y=hand_eye.Y,
+            covariance=hand_eye.joint_covariance,
+            K=hand_eye.K,
+            board_scale=hand_eye.board_scale,
+            robot_sigma_m=hand_eye.robot_sigma_m,
+            robot_sigma_rad=hand_eye.robot_sigma_rad,
+            views_used=sum(view.used for view in hand_eye.views),
         )
-    Y, covariance, K = hand_eye.T_base_board, hand_eye.covariance, hand_eye.K
-    if Y is None or covariance is None or K is None:
+    if hand_eye.T_base_board is None or hand_eye.covariance is None or hand_eye.K is None:
         raise HandEyeInvalidError(
             "the calibration cannot be verified: its file lacks the pose of the board, the covariance or the camera "
             "matrix. Calibrate again"
         )
     priors = NoisePriors()
     return PredictedBoard(
-        hand_eye.T_flange_camera,
-        Y,
-        covariance if hand_eye.joint_covariance is None else hand_eye.joint_covariance,
-        K,
-        1.0 if hand_eye.board_scale is None else hand_eye.board_scale,
-        priors.robot_m if hand_eye.robot_sigma_m is None else hand_eye.robot_sigma_m,
-        priors.robot_rad if hand_eye.robot_sigma_rad is None else hand_eye.robot_sigma_rad,
-        MIN_VIEWS if hand_eye.views_used is None else hand_eye.views_used,
+        X=hand_eye.T_flange_camera,
+        Y=hand_eye.T_base_board,
+        covariance=_or_default(hand_eye.joint_covariance, hand_eye.covariance),
+        K=hand_eye.K,
+        board_scale=_or_default(hand_eye.board_scale, 1.0),
+        robot_sigma_m=_or_default(hand_eye.robot_sigma_m, priors.robot_m),
+        robot_sigma_rad=_or_default(hand_eye.robot_sigma_rad, priors.robot_rad),
+        views_used=_or_default(hand_eye.views_used, MIN_VIEWS),
     )
+
+
+def _or_default(value: ValueT | None, default: ValueT) -> ValueT:
+    """Return `value`, or `default` if the file does not have the value."""
+    return default if value is None else value
 
 
 def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[str], list[BoardObservation]]:
@@ -124,34 +132,66 @@ def observe_board(predicted: PredictedBoard, views: Observations) -> tuple[list[
             f"the calibration was made with images of a focal length of {predicted.K[0, 0]:.0f} px, these have "
             f"{views.K[0, 0]:.0f} px: set the camera to the resolution of the calibration, or calibrate again"
         )
-    flange = views.T_base_flange
-    T_camera = (flange if views.mounting == "eye-in-hand" else invert_poses(flange)) @ predicted.X
+    T_camera = equation_poses(views.T_base_flange, views.mounting) @ predicted.X
     views = renumber_to_prediction(views, invert_poses(T_camera) @ predicted.Y)
     # Undistort the corners with the given intrinsics, then project with the fitted camera matrix.
     nominal = stack_corners(views)
     corners = replace(nominal, K=predicted.K, points=predicted.board_scale * nominal.points)
     poses = estimate_board_poses(corners)
     information = pixel_normal_equations(poses.T_camera_board, np.zeros(N_CORRECTIONS), corners, poses.inliers).H
-    names, observations = [], []
+    # Deviations are in the base frame (eye-in-hand) or in the flange frame (eye-to-hand).
+    T_flange = views.T_base_flange
+    if views.mounting == "eye-to-hand":
+        T_flange = np.tile(np.eye(4), (len(T_flange), 1, 1))
+    names = []
+    observations = []
     for k in np.flatnonzero(poses.found):
-        board = T_camera[k] @ poses.T_camera_board[k]
-        middle = board[:3, :3] @ corners.middle + board[:3, 3]
-        predicted_middle = predicted.Y[:3, :3] @ corners.middle + predicted.Y[:3, 3]
-        deviation = np.concatenate([_rotation_vector(board[:3, :3] @ predicted.Y[:3, :3].T), middle - predicted_middle])
-        J_camera = _motion_jacobian(T_camera[k], middle)
-        inverse_information = np.linalg.inv(information[k, :6, :6])
-        # An error of the lens or of the board scale changes the board pose that fits the image.
-        J_corrections = -J_camera @ inverse_information @ information[k, :6, 6:]
-        J_board = -_motion_jacobian(predicted.Y, predicted_middle)
-        J_prediction = np.concatenate([J_camera, J_board, J_corrections], axis=1)[:, : len(predicted.covariance)]
-        pixel_px = max(float(poses.rms_px[k]), 1e-3)
-        corner_covariance = inverse_information * pixel_px**2
-        J_robot = _motion_jacobian(flange[k] if views.mounting == "eye-in-hand" else np.eye(4), middle)
-        robot_covariance = np.diag([predicted.robot_sigma_rad**2] * 3 + [predicted.robot_sigma_m**2] * 3)
-        own = J_camera @ corner_covariance @ J_camera.T + J_robot @ robot_covariance @ J_robot.T
+        seen = _SeenBoard(
+            T_camera=T_camera[k],
+            T_flange=T_flange[k],
+            T_board=T_camera[k] @ poses.T_camera_board[k],
+            information=information[k],
+            pixel_px=max(float(poses.rms_px[k]), MIN_NOISE_PX),
+        )
         names.append(views.views[k].name)
-        observations.append(BoardObservation(deviation, J_prediction, own))
+        observations.append(_compare(seen, predicted, corners.middle))
     return names, observations
+
+
+@dataclass(frozen=True, eq=False)
+class _SeenBoard:
+    """Board pose estimated from one view. The poses are in the frame of the deviations (see `BoardObservation`)."""
+
+    T_camera: NDArray[np.float64]
+    """(4, 4) camera pose by the calibration, metres."""
+    T_flange: NDArray[np.float64]
+    """(4, 4) flange pose reported by the robot, metres."""
+    T_board: NDArray[np.float64]
+    """(4, 4) board pose, metres."""
+    information: NDArray[np.float64]
+    """Information matrix of board motion and corrections, as `PixelNormalEquations.H` of one view."""
+    pixel_px: float
+    """Standard deviation of the corner noise, pixels."""
+
+
+def _compare(seen: _SeenBoard, predicted: PredictedBoard, middle_of_board: NDArray[np.float64]) -> BoardObservation:
+    """Compare the board pose in one view with the prediction, at the middle (3,) of the board."""
+    middle = seen.T_board[:3, :3] @ middle_of_board + seen.T_board[:3, 3]
+    predicted_middle = predicted.Y[:3, :3] @ middle_of_board + predicted.Y[:3, 3]
+    rotation = _rotation_vector(seen.T_board[:3, :3] @ predicted.Y[:3, :3].T)
+    inverse_information = np.linalg.inv(seen.information[:6, :6])
+    corner_covariance = inverse_information * seen.pixel_px**2
+    robot_covariance = np.diag([predicted.robot_sigma_rad**2] * 3 + [predicted.robot_sigma_m**2] * 3)
+    J_camera = _motion_jacobian(seen.T_camera, middle)
+    J_robot = _motion_jacobian(seen.T_flange, middle)
+    J_board = -_motion_jacobian(predicted.Y, predicted_middle)
+    # An error of the lens or of the board scale changes the board pose that fits the image.
+    J_corrections = -J_camera @ inverse_information @ seen.information[:6, 6:]
+    return BoardObservation(
+        deviation=np.concatenate([rotation, middle - predicted_middle]),
+        J_prediction=np.concatenate([J_camera, J_board, J_corrections], axis=1)[:, : len(predicted.covariance)],
+        own_covariance=J_camera @ corner_covariance @ J_camera.T + J_robot @ robot_covariance @ J_robot.T,
+    )
 
 
 def _motion_jacobian(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:

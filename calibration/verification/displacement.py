@@ -52,10 +52,12 @@ def estimate_displacement(predicted: PredictedBoard, observations: Sequence[Boar
     count = len(observations)
     mean = np.tile(np.eye(6) / count, count)
     one, other = np.triu_indices(count, 1)
-    per_view, between = deviations.reshape(-1, 6), covariance.reshape(count, 6, count, 6)
+    per_view = deviations.reshape(-1, 6)
+    between = covariance.reshape(count, 6, count, 6)
     camera_deviations, camera_residual = _best_explanation(deviations, J_prediction[:, :6], covariance)
     J_board = np.zeros((6, 3))
-    J_board[:3, 0], J_board[3:, 1:] = normal, predicted.Y[:3, :2]
+    J_board[:3, 0] = normal
+    J_board[3:, 1:] = predicted.Y[:3, :2]
     _, board_residual = _best_explanation(deviations, np.tile(J_board, (count, 1)), covariance)
     return Displacement(
         mean=mean @ deviations,
@@ -84,7 +86,8 @@ def _averageable_deviations(
     x, y, z, w = Rotation.from_rotvec(observations[0].deviation[:3]).as_quat()
     twist = 2 * float(np.arctan2(normal @ [x, y, z], w)) * normal
     turned = Rotation.from_rotvec(twist)
-    deviations, jacobians = [], []
+    deviations = []
+    jacobians = []
     for each in observations:
         rest = (Rotation.from_rotvec(each.deviation[:3]) * turned.inv()).as_rotvec()
         deviations.append(np.concatenate([twist + rest, each.deviation[3:]]))
@@ -105,6 +108,7 @@ def _best_explanation(
     from scipy.linalg import solve_triangular
 
     L = np.linalg.cholesky(covariance)
-    A, b = solve_triangular(L, J, lower=True), solve_triangular(L, deviations, lower=True)
+    A = solve_triangular(L, J, lower=True)
+    b = solve_triangular(L, deviations, lower=True)
     x = np.linalg.lstsq(A, b, rcond=None)[0]
     return J @ x, float(np.sum((b - A @ x) ** 2))

@@ -24,9 +24,11 @@ MIN_SCANS = 3
 MAX_P_VALUE = 0.02
 """Limit of the p-value; a smaller p-value means a drift. Registration overestimates the errors of robot and camera, so
 false alarms are much rarer than this limit. None of 24 simulated cells had a p-value below 0.2."""
-PRIOR_SIGMA_M, PRIOR_SIGMA_RAD = 0.005, 0.0175
-"""Prior standard deviations of a drift per axis, metres and radians. The prior keeps the estimate small in directions
-that strings do not constrain."""
+PRIOR_SIGMA_M = 0.005
+"""Prior standard deviation of a drift per axis, metres. The prior keeps the estimate small in directions that strings
+do not constrain."""
+PRIOR_SIGMA_RAD = 0.0175
+"""Prior standard deviation of a drift per axis, radians: about one degree."""
 _PRIOR_INFORMATION = np.diag(np.repeat([PRIOR_SIGMA_RAD, PRIOR_SIGMA_M], 3) ** -2.0)
 MIN_INFORMATION_SHARE = 1e-6
 """Minimum ratio of the information of the scans to the information of the reference, in each direction.
@@ -81,12 +83,13 @@ class Drift:
         put_by = "the hand-eye" if self.reference == "calibration" else "the first scans with this"
         scans = f"{self.scans} scans"
         if not self.drifted and self.scans < MIN_SCANS:
-            there_are = f"there {'is' if self.scans == 1 else 'are'} {self.scans or 'none'}"
-            estimate = f", by which the camera is {size} off" if self.scans else ""
-            return (
-                f"not enough scans to tell whether the calibration has drifted: {MIN_SCANS} scans with it are needed, "
-                f"and {there_are}{estimate}"
+            needed = (
+                f"not enough scans to tell whether the calibration has drifted: {MIN_SCANS} scans with it are needed"
             )
+            if self.scans == 0:
+                return f"{needed}, and there are none"
+            verb = "is" if self.scans == 1 else "are"
+            return f"{needed}, and there {verb} {self.scans}, by which the camera is {size} off"
         if not self.drifted and self.p_value < MAX_P_VALUE:
             return (
                 f"the last {scans} do not agree with the calibration: the camera is {size} off, more than noise can "

@@ -110,33 +110,38 @@ def verify(hand_eye: HandEye | HandEyeResult, views: Observations) -> Verificati
     covariances = [
         each.own_covariance + each.J_prediction @ predicted.covariance @ each.J_prediction.T for each in observations
     ]
-    rows = tuple(
-        VerificationView(
-            name=name,
-            deviation_m=float(np.linalg.norm(each.deviation[3:])),
-            deviation_rad=float(np.linalg.norm(each.deviation[:3])),
-            expected_m=float(np.sqrt(np.trace(covariance[3:, 3:]))),
-            expected_rad=float(np.sqrt(np.trace(covariance[:3, :3]))),
-        )
-        for name, each, covariance in zip(names, observations, covariances, strict=True)
-    )
+    rows = tuple(map(_describe_view, names, observations, covariances))
     displacement = estimate_displacement(predicted, observations)
     displaced = _is_displaced(observations, covariances, displacement, predicted)
-    expected = max(row.expected_m for row in rows)
-    by_noise = np.sqrt(_chi2_limit(3, predicted, 2 * len(rows) + 1) / 3) * expected
+    max_deviation_m = max(row.deviation_m for row in rows)
+    expected_m = max(row.expected_m for row in rows)
+    by_noise_m = np.sqrt(_chi2_limit(3, predicted, 2 * len(rows) + 1) / 3) * expected_m
     verification = Verification(
         views=rows,
-        max_deviation_m=max(row.deviation_m for row in rows),
-        expected_m=expected,
+        max_deviation_m=max_deviation_m,
+        expected_m=expected_m,
         max_deviation_rad=max(row.deviation_rad for row in rows),
         expected_rad=max(row.expected_rad for row in rows),
         board_displacement_m=None,
         board_rotation_rad=None,
         passed=not displaced,
-        message=f"the board appears where it lay, at most {_mm(max(row.deviation_m for row in rows))} off; noise "
-        f"explains up to about {_mm(by_noise)}",
+        message=f"the board appears where it lay, at most {_mm(max_deviation_m)} off; noise explains up to about "
+        f"{_mm(by_noise_m)}",
     )
-    return _explain(verification, observations, displacement, predicted) if displaced else verification
+    if displaced:
+        return _explain(verification, observations, displacement, predicted)
+    return verification
+
+
+def _describe_view(name: str, observation: BoardObservation, covariance: NDArray[np.float64]) -> VerificationView:
+    """Return the deviation in one view. `covariance` (6, 6) belongs to the deviation."""
+    return VerificationView(
+        name=name,
+        deviation_m=float(np.linalg.norm(observation.deviation[3:])),
+        deviation_rad=float(np.linalg.norm(observation.deviation[:3])),
+        expected_m=float(np.sqrt(np.trace(covariance[3:, 3:]))),
+        expected_rad=float(np.sqrt(np.trace(covariance[:3, :3]))),
+    )
 
 
 def verification_findings(verification: Verification) -> tuple[Finding, ...]:
@@ -179,10 +184,11 @@ def _is_displaced(
     limit = _chi2_limit(3, predicted, tests)
     if any(_is_significant(each.deviation, C, limit) for each, C in zip(observations, covariances, strict=True)):
         return True
-    shift, turn = (
-        float(np.linalg.norm(displacement.camera_deviations[:, part], axis=1).max()) for part in (slice(3, 6), slice(3))
+    turn_rad = float(np.linalg.norm(displacement.camera_deviations[:, :3], axis=1).max())
+    shift_m = float(np.linalg.norm(displacement.camera_deviations[:, 3:], axis=1).max())
+    return (shift_m > NOTABLE_M or turn_rad > NOTABLE_RAD) and displacement.camera_chi2 > _chi2_limit(
+        6, predicted, tests
     )
-    return (shift > NOTABLE_M or turn > NOTABLE_RAD) and displacement.camera_chi2 > _chi2_limit(6, predicted, tests)
 
 
 def _explain(
@@ -195,9 +201,10 @@ def _explain(
     limit = _chi2_limit(3, predicted, 2 * max(len(displacement.pair_differences), 1))
     pairs = zip(displacement.pair_differences, displacement.pair_covariances, strict=True)
     recalibrate = "check that camera and bracket are tight and that the tool is the same, then calibrate again"
-    if any(_is_significant(*pair, limit) for pair in pairs):
-        turns, shifts = displacement.pair_differences[:, :3], displacement.pair_differences[:, 3:]
-        apart = format_discrepancy(np.linalg.norm(shifts, axis=1).max(), np.linalg.norm(turns, axis=1).max())
+    if any(_is_significant(difference, covariance, limit) for difference, covariance in pairs):
+        max_turn_rad = np.linalg.norm(displacement.pair_differences[:, :3], axis=1).max()
+        max_shift_m = np.linalg.norm(displacement.pair_differences[:, 3:], axis=1).max()
+        apart = format_discrepancy(max_shift_m, max_turn_rad)
         message = f"views from different sides show the board at poses {apart} apart, more than noise: {recalibrate}"
         return replace(verification, message=message)
     deviation = format_discrepancy(verification.max_deviation_m, verification.max_deviation_rad)
@@ -218,21 +225,28 @@ def _explain(
     if not displacement.board_log_ratio >= MIN_LOG_RATIO:
         message = f"{appears}, too little to tell whether the board or the camera was moved: {recalibrate}"
         return replace(verification, message=message)
-    moved = float(np.linalg.norm(displacement.mean[3:]))
-    turned = abs(float(displacement.mean[:3] @ predicted.Y[:3, 2]))
-    motions = [f"moved by {_mm(moved)}"] if moved > NOTABLE_M or turned <= NOTABLE_RAD else []
-    motions += [f"turned by {_degrees(turned)}"] if turned > NOTABLE_RAD else []
+    moved_m = float(np.linalg.norm(displacement.mean[3:]))
+    turned_rad = abs(float(displacement.mean[:3] @ predicted.Y[:3, 2]))
+    motions = []
+    if moved_m > NOTABLE_M or turned_rad <= NOTABLE_RAD:
+        motions.append(f"moved by {_mm(moved_m)}")
+    if turned_rad > NOTABLE_RAD:
+        motions.append(f"turned by {_degrees(turned_rad)}")
     message = (
         f"the board was {' and '.join(motions)} since the calibration. All views agree on its new pose, so they "
         "confirm the calibration"
     )
-    return replace(verification, board_displacement_m=moved, board_rotation_rad=turned, passed=True, message=message)
+    return replace(
+        verification, board_displacement_m=moved_m, board_rotation_rad=turned_rad, passed=True, message=message
+    )
 
 
 def _off_plane(displacement: Displacement, predicted: PredictedBoard) -> str | None:
     """Return a description of how the board left its original plane, or None if the board is still in this plane."""
-    along, normal = predicted.Y[:3, :2], predicted.Y[:3, 2:3]
-    rise, tilt = displacement.mean[3:] @ normal, displacement.mean[:3] @ along
+    along = predicted.Y[:3, :2]
+    normal = predicted.Y[:3, 2:3]
+    rise = displacement.mean[3:] @ normal
+    tilt = displacement.mean[:3] @ along
     covariance = displacement.covariance
     if _exceeds(rise, normal.T @ covariance[3:, 3:] @ normal, NOTABLE_M, _chi2_limit(1, predicted, 2)):
         return f"{_mm(abs(float(rise[0])))} above or below where it lay"
