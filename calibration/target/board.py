@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ BOARD_KINDS: tuple[BoardKind, ...] = ("charuco", "checkerboard", "circles")
 
 # A table instead of a query to OpenCV, because importing OpenCV is slow.
 MARKER_COUNTS = {
-    **{f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    **{f"DICT_{size}_{count}": count for size, count in product(("4X4", "5X5", "6X6", "7X7"), (50, 100, 250, 1000))},
     "DICT_ARUCO_ORIGINAL": 1024,
     "DICT_APRILTAG_16h5": 30,
     "DICT_APRILTAG_25h9": 35,
@@ -196,7 +197,9 @@ def _check_length(name: str, length_m: object) -> None:
     if isinstance(length_m, bool) or not isinstance(length_m, int | float) or not abs(length_m) <= sys.float_info.max:
         raise BoardError(f"{name} is {str(length_m)[:40]!r}: a number of metres is needed")
     if not MIN_PITCH_M <= length_m <= MAX_PITCH_M:
-        hint = f"metres are needed, and {length_m:g} looks like millimetres" if length_m >= 1 else "check the units"
+        hint = "check the units"
+        if length_m >= 1:
+            hint = f"metres are needed, and {length_m:g} looks like millimetres"
         raise BoardError(f"{name} is {length_m:g} m, outside the range {MIN_PITCH_M:g} to {MAX_PITCH_M:g} m: {hint}")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.target.board import Board
-from calibration.target.corner_refinement import refine_corners
+from calibration.target.corner_refinement import KnownPoints, refine_corners
 
 MAX_UPSCALED_PX = 1_100_000
 """Maximum number of pixels of an image that is upscaled by two. Upscaling helps to read marker cells of two pixels. A
@@ -45,19 +45,19 @@ def find_charuco(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int6
     Returns:
         Numbers (N,) and pixels (N, 2) of the detected corners. N is 0 if the board is not detected.
     """
-    on_board, in_image = _select_consistent(*_detect_markers(grey, board))
-    if len(on_board) < MIN_MARKERS * 4:
+    known = _select_consistent(_detect_markers(grey, board))
+    if len(known) < MIN_MARKERS * 4:
         return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
-    return refine_corners(grey, board, on_board, in_image, max_distance_pitches=MAX_MARKER_DISTANCE_PITCHES)
+    return refine_corners(grey, board, known, max_distance_pitches=MAX_MARKER_DISTANCE_PITCHES)
 
 
 def count_markers(grey: NDArray[np.uint8], board: Board) -> int:
     """Count the markers of the board that are read in a grey image (H, W). Their positions are not checked."""
-    return len(_detect_markers(grey, board)[0]) // 4
+    return len(_detect_markers(grey, board)) // 4
 
 
-def _detect_markers(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Detect M markers. Return their corners on the board (4 M, 2), metres, and in the image (4 M, 2), pixels."""
+def _detect_markers(grey: NDArray[np.uint8], board: Board) -> KnownPoints:
+    """Detect M markers. Return their corners, four for each marker."""
     import cv2
 
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
@@ -66,43 +66,43 @@ def _detect_markers(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.f
     settings.perspectiveRemoveIgnoredMarginPerCell = IGNORED_CELL_MARGIN
     settings.errorCorrectionRate = ERROR_CORRECTION_RATE
     factor = 2 if grey.size <= MAX_UPSCALED_PX else 1
-    image = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC) if factor > 1 else grey
+    image = grey
+    if factor > 1:
+        image = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
     quads, numbers, _ = cv2.aruco.ArucoDetector(dictionary, settings).detectMarkers(image)
     if numbers is None:
-        return np.zeros((0, 2)), np.zeros((0, 2))
+        return KnownPoints(np.zeros((0, 2)), np.zeros((0, 2)))
     layout = cv2.aruco.CharucoBoard((board.columns, board.rows), board.pitch_m, board.marker_m, dictionary)
     # OpenCV's origin is the top left corner of the print.
     positions = np.array(layout.getObjPoints(), dtype=np.float64)[:, :, :2] + np.array(board.print_corner)
     found = np.asarray(numbers, dtype=np.int64).ravel()
     is_on_board = found < len(positions)
     in_image = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)[is_on_board].reshape(-1, 2)
-    return positions[found[is_on_board]].reshape(-1, 2), (in_image + 0.5) / factor - 0.5
+    # The centre of the top left pixel is (0, 0) in both images.
+    return KnownPoints(positions[found[is_on_board]].reshape(-1, 2), (in_image + 0.5) / factor - 0.5)
 
 
-def _select_consistent(
-    on_board: NDArray[np.float64], in_image: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _select_consistent(corners: KnownPoints) -> KnownPoints:
     """Keep the corners of the markers that are consistent with one flat board.
 
     Args:
-        on_board: (4 M, 2) marker corners in the board frame, metres.
-        in_image: (4 M, 2) marker corners in the image, pixels.
+        corners: Marker corners, four for each marker.
 
     Returns:
-        The kept rows of both arrays. They are empty if too few markers are consistent.
+        The kept corners; none if too few markers are consistent.
     """
     import cv2
 
-    if len(on_board) < MIN_MARKERS * 4:
-        return on_board, in_image
-    quads = in_image.reshape(-1, 4, 2)
+    if len(corners) < MIN_MARKERS * 4:
+        return corners
+    quads = corners.in_image.reshape(-1, 4, 2)
     side = float(np.median(np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=2)))
-    H, mask = cv2.findHomography(on_board, in_image, cv2.RANSAC, max(MAX_MARKER_DEVIATION * side, 1.0))
+    max_deviation_px = max(MAX_MARKER_DEVIATION * side, 1.0)
+    H, mask = cv2.findHomography(corners.on_board, corners.in_image, cv2.RANSAC, max_deviation_px)
     if H is None or not np.isfinite(H).all():
-        return on_board[:0], in_image[:0]
+        return corners[:0]
     # Reject a marker if one of its four corners is an outlier.
     is_consistent = np.asarray(mask, dtype=bool).reshape(-1, 4).all(axis=1)
     if is_consistent.mean() < MIN_CONSISTENT_SHARE:
-        return on_board[:0], in_image[:0]
-    kept = np.repeat(is_consistent, 4)
-    return on_board[kept], in_image[kept]
+        return corners[:0]
+    return corners[np.repeat(is_consistent, 4)]

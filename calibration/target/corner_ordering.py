@@ -53,8 +53,10 @@ def make_right_handed(grid: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns:
         Right-handed grid (rows, columns, 2).
     """
-    (xx, xy), (yx, yy) = (grid[:, -1] - grid[:, 0]).mean(axis=0), (grid[-1] - grid[0]).mean(axis=0)
-    return grid if xx * yy - xy * yx > 0 else grid[:, ::-1]
+    along_row = (grid[:, -1] - grid[:, 0]).mean(axis=0)
+    along_column = (grid[-1] - grid[0]).mean(axis=0)
+    is_right_handed = along_row[0] * along_column[1] - along_row[1] * along_column[0] > 0
+    return grid if is_right_handed else grid[:, ::-1]
 
 
 def order_from_black_square(
@@ -70,10 +72,13 @@ def order_from_black_square(
     Returns:
         The rotated grid (rows, columns, 2), and whether the image determines the numbering.
     """
-    numbers = np.arange(grid.shape[0] * grid.shape[1]).reshape(grid.shape[:2])
-    candidates = [grid.reshape(-1, 2)[rotated] for rotated in _rotate_grid(numbers)]
+    pixels = grid.reshape(-1, 2)
+    numbers = np.arange(len(pixels)).reshape(grid.shape[:2])
+    candidates = [pixels[rotated] for rotated in _rotate_grid(numbers)]
     valid = [candidate for candidate in candidates if _is_first_square_black(candidate, grey)]
-    return _choose_upper_left(valid or candidates), len(symmetric_numberings(board)) == 1 and len(valid) == 1
+    is_unique = len(symmetric_numberings(board)) == 1 and len(valid) == 1
+    possible = valid or candidates
+    return possible[_most_upper_left(possible)], is_unique
 
 
 def order_from_larger_dot(
@@ -89,14 +94,16 @@ def order_from_larger_dot(
         The rotated grid (rows, columns, 2), its diameters (rows, columns), and whether a larger first dot was found.
     """
     numbers = np.arange(diameters.size).reshape(diameters.shape)
-    candidates = [(grid.reshape(-1, 2)[rotated], diameters.ravel()[rotated]) for rotated in _rotate_grid(numbers)]
+    rotations = _rotate_grid(numbers)
+    grids = [grid.reshape(-1, 2)[rotated] for rotated in rotations]
+    grids_of_diameters = [diameters.ravel()[rotated] for rotated in rotations]
     # Compare each first dot with its neighbours only, because perspective makes near dots larger.
-    ratios = [_first_dot_ratio(rotated) for _, rotated in candidates]
+    ratios = [_first_dot_ratio(rotated) for rotated in grids_of_diameters]
     best = int(np.argmax(ratios))
-    if ratios[best] > MIN_LARGER_RATIO:
-        return *candidates[best], True
-    chosen = _choose_upper_left([candidate for candidate, _ in candidates])
-    return *next(pair for pair in candidates if pair[0] is chosen), False
+    has_larger_dot = bool(ratios[best] > MIN_LARGER_RATIO)
+    if not has_larger_dot:
+        best = _most_upper_left(grids)
+    return grids[best], grids_of_diameters[best], has_larger_dot
 
 
 def is_larger_dot_misplaced(diameters: NDArray[np.float64]) -> bool:
@@ -115,7 +122,8 @@ def _first_dot_ratio(diameters: NDArray[np.float64]) -> np.float64:
 
 def _rotate_grid(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Return the rotations of a grid (rows, columns) that keep its shape: by half turns, or quarter turns if square."""
-    step = 1 if numbers.shape[0] == numbers.shape[1] else 2
+    rows, columns = numbers.shape
+    step = 1 if rows == columns else 2
     return [np.rot90(numbers, quarters) for quarters in range(0, 4, step)]
 
 
@@ -136,6 +144,6 @@ def _is_first_square_black(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -
     return bool(values[is_black].mean() < values[~is_black].mean())
 
 
-def _choose_upper_left(candidates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return the grid whose first corner is nearest to the upper left, so that similar views get the same numbering."""
-    return min(candidates, key=lambda grid: float(grid[0, 0].sum()))
+def _most_upper_left(grids: list[NDArray[np.float64]]) -> int:
+    """Return the index of the grid with the most upper left first corner. Similar views get the same numbering."""
+    return int(np.argmin([grid[0, 0].sum() for grid in grids]))

@@ -11,6 +11,7 @@ patch almost symmetrically about its corner, so the shifts nearly cancel. A mark
 corners by 0.05 px.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -33,9 +34,11 @@ LENS_BLUR_PX = 0.7
 """Standard deviation of the assumed image blur, pixels."""
 MIN_CORRELATION = 0.7
 """Minimum correlation of a patch with the image. Clear corners exceed 0.95, and badly focused corners exceed 0.8."""
-MAX_DECORRELATION_FACTOR, MAX_DECORRELATION_OFFSET = 5.0, 0.03
-"""Limit of the decorrelation (1 - correlation) of a corner: factor times the median over the image, plus offset. A
-corner above the limit is rejected, because an obstacle (finger, cable, glare) probably covers it."""
+MAX_DECORRELATION_FACTOR = 5.0
+"""Limit of the decorrelation (1 - correlation) of a corner, as a multiple of the median over the image. A corner above
+the limit is rejected, because an obstacle (finger, cable, glare) probably covers it."""
+MAX_DECORRELATION_OFFSET = 0.03
+"""Offset that is added to this limit, for sharp images with a very small median."""
 MAX_SHIFT_PITCHES = 0.2
 """Maximum distance of a refined corner from its predicted position, in pitches. At a larger distance, the patch matched
 another edge."""
@@ -44,13 +47,62 @@ BORDER_PX = 2.0
 it."""
 NEIGHBOURS = 4
 """Number of known points near a corner. Their mean residual predicts the lens distortion at the corner."""
+RENDERING_SCALE = 2
+"""Resolution of the orthographic rendering, relative to the camera image. The blur prevents aliasing in the warp."""
+RENDERING_STEP_PX = 16
+"""Step of the pixels per pitch of the rendering, so that one cached rendering serves many views."""
+MAX_RENDERING_PX = 256
+"""Maximum pixels per pitch of the rendering."""
+MAX_ECC_ITERATIONS = 30
+"""Maximum number of iterations of the registration."""
+ECC_TOLERANCE = 1e-5
+"""Increase of the correlation below which the registration has converged."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPoints:
+    """Approximate positions of M points of a board."""
+
+    on_board: NDArray[np.float64]
+    """(M, 2) positions in the board frame, metres."""
+    in_image: NDArray[np.float64]
+    """(M, 2) positions in the image, pixels."""
+
+    def __len__(self) -> int:
+        return len(self.on_board)
+
+    def __getitem__(self, index: slice | NDArray[np.bool_]) -> "KnownPoints":
+        return KnownPoints(self.on_board[index], self.in_image[index])
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Search for one corner in the camera image."""
+
+    expected: NDArray[np.float64]
+    """(2,) position in the expected image, pixels."""
+    guess: NDArray[np.float64]
+    """(2,) approximate position in the camera image, pixels."""
+    half: int
+    """Half side of the patch around the corner, pixels."""
+    max_shift: float
+    """Maximum distance of the corner from `guess`, pixels."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """Position of a corner in the camera image."""
+
+    position: NDArray[np.float64]
+    """(2,) pixels."""
+    correlation: float
+    """Correlation of the patch with the image."""
 
 
 def refine_corners(
     grey: NDArray[np.uint8],
     board: Board,
-    on_board: NDArray[np.float64],
-    in_image: NDArray[np.float64],
+    known: KnownPoints,
     max_distance_pitches: float = np.inf,
     dot_diameters: tuple[float, float] = DOT_DIAMETERS,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -59,8 +111,7 @@ def refine_corners(
     Args:
         grey: (H, W) grey image.
         board: The board.
-        on_board: (M, 2) known points in the board frame, metres. M >= 4, not on a line.
-        in_image: (M, 2) approximate pixels of the known points.
+        known: Points with approximate pixels, M >= 4, not on a line.
         max_distance_pitches: Maximum distance of a corner from the nearest known point, in pitches. Corners farther
             away are skipped.
         dot_diameters: Diameters of the dots and of the first dot of a circle grid, in pitches.
@@ -71,28 +122,34 @@ def refine_corners(
     import cv2
     from scipy.spatial import KDTree
 
-    H = np.asarray(cv2.findHomography(on_board, in_image, 0)[0], dtype=np.float64)
+    H = np.asarray(cv2.findHomography(known.on_board, known.in_image, 0)[0], dtype=np.float64)
     points = board.points[:, :2]
     flat = apply_homography(H, points)
     # Lens distortion shifts a corner by about as much as the nearest known points.
-    distance, neighbours = KDTree(on_board).query(points, k=NEIGHBOURS)
-    guesses = flat + (in_image - apply_homography(H, on_board))[neighbours].mean(axis=1)
+    distance, neighbours = KDTree(known.on_board).query(points, k=NEIGHBOURS)
+    guesses = flat + (known.in_image - apply_homography(H, known.on_board))[neighbours].mean(axis=1)
     pitch_px = _pitch_px(H, board)
     expected = _render_expected(grey.shape, board, H, float(np.median(pitch_px)), dot_diameters)
-    ids, pixels, correlations = [], [], []
     half_px = _half_windows(board, pitch_px, dot_diameters)
-    for number in np.flatnonzero(distance[:, 0] <= max_distance_pitches * board.pitch_m):
-        half = int(half_px[number])
-        max_shift = MAX_SHIFT_PITCHES * pitch_px[number]
-        found = _register_patch(expected, flat[number], grey, guesses[number], half, int(np.ceil(max_shift)))
-        if found is not None and np.linalg.norm(found[0] - guesses[number]) <= max_shift:
-            ids.append(number)
-            pixels.append(found[0])
-            correlations.append(found[1])
-    decorrelation = 1.0 - np.array(correlations)
-    limit = MAX_DECORRELATION_FACTOR * float(np.median(decorrelation)) + MAX_DECORRELATION_OFFSET if ids else 0.0
+    matches: dict[int, _Match] = {}
+    for number in np.flatnonzero(distance[:, 0] <= max_distance_pitches * board.pitch_m).tolist():
+        search = _Search(
+            expected=flat[number],
+            guess=guesses[number],
+            half=int(half_px[number]),
+            max_shift=MAX_SHIFT_PITCHES * pitch_px[number],
+        )
+        match = _register_patch(expected, grey, search)
+        if match is not None:
+            matches[number] = match
+    if not matches:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 2))
+    decorrelation = 1.0 - np.array([match.correlation for match in matches.values()])
+    limit = MAX_DECORRELATION_FACTOR * float(np.median(decorrelation)) + MAX_DECORRELATION_OFFSET
     is_clear = decorrelation <= limit
-    return np.array(ids, dtype=np.int64)[is_clear], np.array(pixels, dtype=np.float64).reshape(-1, 2)[is_clear]
+    ids = np.array(list(matches), dtype=np.int64)
+    pixels = np.array([match.position for match in matches.values()])
+    return ids[is_clear], pixels[is_clear]
 
 
 def apply_homography(H: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -118,11 +175,11 @@ def _render_expected(
     """
     import cv2
 
-    # The orthographic rendering has about twice the resolution of the camera image. The blur prevents aliasing in the
-    # warp. The resolution is rounded up to a multiple of 16, so that one cached rendering serves many views.
-    pixels = int(np.clip(16 * np.ceil(2 * pitch_px / 16), 16, 256))
+    steps = np.ceil(RENDERING_SCALE * pitch_px / RENDERING_STEP_PX)
+    pixels = int(np.clip(RENDERING_STEP_PX * steps, RENDERING_STEP_PX, MAX_RENDERING_PX))
     rendering = _render_cached(board, pixels, dot_diameters)
-    scale, (x, y) = rendering.pixels_per_m, rendering.origin_px
+    scale = rendering.pixels_per_m
+    x, y = rendering.origin_px
     board_from_rendering = np.array([[1 / scale, 0.0, -x / scale], [0.0, 1 / scale, -y / scale], [0.0, 0.0, 1.0]])
     blurred = cv2.GaussianBlur(rendering.pixels, (0, 0), LENS_BLUR_PX * pixels / pitch_px)
     expected = cv2.warpPerspective(
@@ -136,55 +193,50 @@ def _render_cached(board: Board, pixels_per_pitch: int, dot_diameters: tuple[flo
     return render_board(board, pixels_per_pitch, 0.5, dot_diameters)
 
 
-def _register_patch(
-    expected: NDArray[np.uint8],
-    corner: NDArray[np.float64],
-    grey: NDArray[np.uint8],
-    guess: NDArray[np.float64],
-    half: int,
-    search: int,
-) -> tuple[NDArray[np.float64], float] | None:
+def _register_patch(expected: NDArray[np.uint8], grey: NDArray[np.uint8], search: _Search) -> _Match | None:
     """Register the patch around a corner of the expected image to the camera image.
 
     Args:
         expected: (H, W) expected image, from `_render_expected`.
-        corner: (2,) position of the corner in `expected`, pixels.
         grey: (H, W) camera image.
-        guess: (2,) approximate position of the corner in `grey`, pixels.
-        half: Half side of the patch, pixels.
-        search: Maximum shift that is searched, pixels.
+        search: Corner to search for.
 
     Returns:
-        Position (2,) of the corner in `grey`, pixels, and the correlation. None if the patch does not match.
+        Position of the corner in `grey`. None if the patch does not match within the maximum shift.
     """
     import cv2
 
     last = np.array(grey.shape[::-1]) - 1
-    if not ((guess >= BORDER_PX) & (guess <= last - BORDER_PX)).all():
+    if not ((search.guess >= BORDER_PX) & (search.guess <= last - BORDER_PX)).all():
         return None
-    patch, patch_origin = _cut_window(expected, corner, half)
-    search_window, search_origin = _cut_window(grey, guess, half + search + 1)
-    if min(patch.shape + search_window.shape) <= MIN_HALF_WINDOW_PX:
+    patch, patch_origin = _cut_window(expected, search.expected, search.half)
+    window, window_origin = _cut_window(grey, search.guess, search.half + int(np.ceil(search.max_shift)) + 1)
+    if min(patch.shape + window.shape) <= MIN_HALF_WINDOW_PX:
         return None
-    shift = guess - corner + patch_origin - search_origin
+    shift = search.guess - search.expected + patch_origin - window_origin
     warp = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]], dtype=np.float32)
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-5)
-    mask = np.full_like(search_window, 255)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, MAX_ECC_ITERATIONS, ECC_TOLERANCE)
+    mask = np.full_like(window, 255)
     try:
-        correlation, warp = cv2.findTransformECC(patch, search_window, warp, cv2.MOTION_TRANSLATION, stop, mask, 1)
+        correlation, warp = cv2.findTransformECC(patch, window, warp, cv2.MOTION_TRANSLATION, stop, mask, 1)
     except cv2.error:  # ECC does not converge, or a window has a single colour.
         return None
     if not correlation >= MIN_CORRELATION:
         return None
-    return corner + np.asarray(warp, dtype=np.float64)[:, 2] - patch_origin + search_origin, float(correlation)
+    position = search.expected + np.asarray(warp, dtype=np.float64)[:, 2] - patch_origin + window_origin
+    if not np.linalg.norm(position - search.guess) <= search.max_shift:
+        return None
+    return _Match(position, float(correlation))
 
 
 def _cut_window(
     image: NDArray[np.uint8], centre: NDArray[np.float64], half: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """Cut out the window within `half` pixels of `centre` (x, y). Return the window and the (x, y) of its top left."""
-    column, row = (round(float(c)) for c in centre)
-    left, top = max(column - half, 0), max(row - half, 0)
+    column = round(float(centre[0]))
+    row = round(float(centre[1]))
+    left = max(column - half, 0)
+    top = max(row - half, 0)
     window = image[top : max(row + half + 1, 0), left : max(column + half + 1, 0)]
     return window, np.array([left, top], dtype=np.float64)
 
@@ -202,7 +254,8 @@ def _half_windows(board: Board, pitch_px: NDArray[np.float64], dot_diameters: tu
 
 def _pitch_px(H: NDArray[np.float64], board: Board) -> NDArray[np.float64]:
     """Return the image length (N,) of one pitch at each corner, pixels: the shorter of the x and y directions."""
-    points, step = board.points[:, :2], board.pitch_m / 2
+    points = board.points[:, :2]
+    step = board.pitch_m / 2
     across = apply_homography(H, points + [step, 0.0]) - apply_homography(H, points - [step, 0.0])
     down = apply_homography(H, points + [0.0, step]) - apply_homography(H, points - [0.0, step])
     return np.minimum(np.linalg.norm(across, axis=1), np.linalg.norm(down, axis=1))

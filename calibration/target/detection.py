@@ -83,9 +83,10 @@ def _to_grey(image: Any) -> NDArray[np.uint8]:
     """Convert an image to contiguous grey pixels (H, W), uint8."""
     import cv2
 
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        kind = f"numbers of type {image.dtype}" if isinstance(image, np.ndarray) else f"a {type(image).__name__}"
-        raise BoardImageError(f"the image has {kind}: convert it to 8-bit pixels (uint8)")
+    if not isinstance(image, np.ndarray):
+        raise BoardImageError(f"the image has a {type(image).__name__}: convert it to 8-bit pixels (uint8)")
+    if image.dtype != np.uint8:
+        raise BoardImageError(f"the image has numbers of type {image.dtype}: convert it to 8-bit pixels (uint8)")
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.size == 0 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)):
@@ -128,11 +129,13 @@ def _raise_if_other_count(grey: NDArray[np.uint8], board: Board) -> None:
     counted = count_inner_corners(grey, board)
     if counted is None:
         return
-    columns, rows = (count + 1 for count in counted)
+    inner_columns, inner_rows = counted
+    columns = inner_columns + 1
+    rows = inner_rows + 1
     raise BoardNotSeenError(
-        f"a checkerboard with {counted[0]} x {counted[1]} inner corners ({columns} x {rows} squares) is visible, and "
-        f"{board.shape[0]} x {board.shape[1]} inner corners ({board.columns} x {board.rows} squares) were given: give "
-        f"the number of squares, columns {columns} and rows {rows}"
+        f"a checkerboard with {inner_columns} x {inner_rows} inner corners ({columns} x {rows} squares) is visible, "
+        f"and {board.shape[0]} x {board.shape[1]} inner corners ({board.columns} x {board.rows} squares) were given: "
+        f"give the number of squares, columns {columns} and rows {rows}"
     )
 
 

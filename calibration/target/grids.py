@@ -10,7 +10,7 @@ from calibration.target.corner_ordering import (
     order_from_black_square,
     order_from_larger_dot,
 )
-from calibration.target.corner_refinement import refine_corners
+from calibration.target.corner_refinement import KnownPoints, refine_corners
 
 GridCorners = tuple[NDArray[np.int64], NDArray[np.float64], bool]
 """Numbers (N,) and pixels (N, 2) of the detected points, and whether the image determines the first point."""
@@ -64,7 +64,8 @@ def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> GridCorners:
         return _no_corners()
     grid = make_right_handed(_to_grid(corners, board))
     ordered, is_unique = order_from_black_square(grid, grey, board)
-    return *refine_corners(grey, board, board.points[:, :2], ordered.reshape(-1, 2)), is_unique
+    known = KnownPoints(board.points[:, :2], ordered.reshape(-1, 2))
+    return *refine_corners(grey, board, known), is_unique
 
 
 def count_inner_corners(grey: NDArray[np.uint8], board: Board) -> tuple[int, int] | None:
@@ -120,13 +121,12 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     ordered, diameters, is_unique = order_from_larger_dot(grid, diameters)
     if not is_unique and board.columns != board.rows and is_larger_dot_misplaced(diameters):
         raise LargerDotMisplacedError
-    approximate = ordered.reshape(-1, 2)
+    known = KnownPoints(board.points[:, :2], ordered.reshape(-1, 2))
     # `Board` has no dot size, but refinement needs it: under perspective, the centroid shifts with the dot size.
     ratios = diameters / np.sqrt(_cell_areas(ordered))
     common = round(float(np.median(ratios)), 2)
     first = round(float(ratios[0, 0]), 2) if is_unique else common
-    corners = refine_corners(grey, board, board.points[:, :2], approximate, dot_diameters=(common, first))
-    return *corners, is_unique
+    return *refine_corners(grey, board, known, dot_diameters=(common, first)), is_unique
 
 
 def _has_contrast_everywhere(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -> bool:
@@ -136,8 +136,9 @@ def _has_contrast_everywhere(grid: NDArray[np.float64], grey: NDArray[np.uint8])
     """
     for axis in (0, 1):  # Extrapolate to the border of the board.
         lines = np.moveaxis(grid, axis, 0)
-        first, last = 2 * lines[0] - lines[1], 2 * lines[-1] - lines[-2]
-        grid = np.moveaxis(np.concatenate([first[None], lines, last[None]]), 0, axis)
+        before = 2 * lines[0] - lines[1]
+        after = 2 * lines[-1] - lines[-2]
+        grid = np.moveaxis(np.concatenate([before[None], lines, after[None]]), 0, axis)
     centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
     column, row = np.clip(np.round(centres), 0, np.array(grey.shape[::-1]) - 1).astype(np.int64).transpose(2, 0, 1)
     values = grey[row, column].astype(np.float64)
@@ -159,7 +160,8 @@ def _to_grid(points: object, board: Board) -> NDArray[np.float64]:
 
 def _cell_areas(grid: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the cell areas (rows, columns), square pixels, of a grid of dots (rows, columns, 2)."""
-    down, across = (np.asarray(np.gradient(grid, axis=axis)) for axis in (0, 1))
+    down = np.asarray(np.gradient(grid, axis=0))
+    across = np.asarray(np.gradient(grid, axis=1))
     return np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
 
 

@@ -103,12 +103,14 @@ def draw_board_page(board: Board, paper: str = "a4") -> "Figure":
     to_page = Affine2D().scale(1.0, -1.0).translate(0.0, layout.height).scale(1 / MM_PER_INCH) + page.dpi_scale_trans
     _draw_board(page, board, layout, to_page)
     if layout.is_strip_below:
+        rotation_deg = 0.0
         start = min(layout.left, layout.width - EDGE_MM - STRIP_LENGTH_MM)
         along = Affine2D().translate(start, layout.height - EDGE_MM - STRIP_MM)
     else:
+        rotation_deg = -90.0
         start = min(layout.top, layout.height - EDGE_MM - STRIP_LENGTH_MM)
         along = Affine2D().rotate_deg(90.0).translate(layout.width - EDGE_MM, start)
-    _draw_strip(page, board, along + to_page, 0.0 if layout.is_strip_below else -90.0)
+    _draw_strip(page, board, along + to_page, rotation_deg)
     return page
 
 
@@ -123,27 +125,35 @@ def _choose_layout(board: Board, paper: str) -> _Layout:
     max_pitch_mm = _find_max_pitch_mm(board, paper)
     if max_pitch_mm is not None:
         remedies.append(f"a pitch of at most {max_pitch_mm:g} mm")
-    width, height = (1e3 * side for side in board.size_m)
+    advice = " or ".join(remedies) or "fewer columns or rows"
+    width_m, height_m = board.size_m
     raise BoardError(
-        f"the board ({board}) is {width:g} x {height:g} mm, and does not fit on {paper} paper with its margin and the "
-        f"check line: use {' or '.join(remedies) if remedies else 'fewer columns or rows'}"
+        f"the board ({board}) is {1e3 * width_m:g} x {1e3 * height_m:g} mm, and does not fit on {paper} paper with its "
+        f"margin and the check line: use {advice}"
     )
 
 
 def _fit_layout(board: Board, paper: str) -> _Layout | None:
     """Return the layout with the widest margin, or None if the board does not fit on the paper."""
     long, short = PAPER_SIZES_MM[paper]
-    board_width, board_height = (1e3 * side for side in board.size_m)
+    board_width_m, board_height_m = board.size_m
     quiet_zone = max(QUIET_ZONE_PITCHES[board.kind] * board.pitch_m * 1e3, EDGE_MM)
     layouts = []
     for width, height in ((long, short), (short, long)):
         for is_strip_below in (True, False):
-            strip = EDGE_MM + STRIP_MM
-            left = (width - board_width - (0.0 if is_strip_below else strip)) / 2
-            top = (height - board_height - (strip if is_strip_below else 0.0)) / 2
+            free_width = width - 1e3 * board_width_m
+            free_height = height - 1e3 * board_height_m
+            if is_strip_below:
+                free_height -= EDGE_MM + STRIP_MM
+            else:
+                free_width -= EDGE_MM + STRIP_MM
+            left = free_width / 2
+            top = free_height / 2
             layouts.append(_Layout(width, height, left, top, is_strip_below, min(left, top) - quiet_zone))
     best = max(layouts, key=lambda layout: layout.spare)
-    return best if best.spare >= 0 else None
+    if best.spare < 0:
+        return None
+    return best
 
 
 def _find_max_pitch_mm(board: Board, paper: str) -> float | None:

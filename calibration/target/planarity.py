@@ -12,6 +12,8 @@ MIN_CORNERS_FOR_SIGMA = 12
 """Minimum number of corners for a noise estimate. Fewer corners leave too few degrees of freedom."""
 MIN_CORNERS_FOR_DISTORTION = 24
 """Minimum number of corners for a fit that includes lens distortion."""
+CUBIC_EXPONENTS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (3, 0))
+"""Exponents of the image coordinates x and y in a cubic polynomial."""
 MAX_ITERATIONS = 3
 """Maximum number of fits. Each fit excludes the outliers of the previous fit."""
 MAX_RESIDUAL_SIGMAS = 6.0
@@ -79,8 +81,7 @@ def _fit_residuals(
     if inliers.sum() < MIN_CORNERS_FOR_DISTORTION:
         return residuals, 8
     x, y = (2 * (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-9) - 1).T
-    powers = [(i, j) for i in range(4) for j in range(4 - i)]
-    terms = np.column_stack([x**i * y**j for i, j in powers])
+    terms = np.column_stack([x**i * y**j for i, j in CUBIC_EXPONENTS])
     distortion = np.linalg.lstsq(terms[inliers], residuals[inliers], rcond=None)[0]
     # The homography parameters are not added, because the cubic polynomials span nearly all of them.
-    return residuals - terms @ distortion, 2 * len(powers)
+    return residuals - terms @ distortion, 2 * len(CUBIC_EXPONENTS)

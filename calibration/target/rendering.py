@@ -16,6 +16,8 @@ image that is out of focus. The larger first dot has about 2.5 times the area of
 unique."""
 DISC_SAMPLES = 16
 """Number of samples per pixel and axis, to compute the part of a pixel that a disc covers."""
+MAX_ROUNDING_PX = 1e-6
+"""Maximum rounding error of an edge between two pixels, pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +60,13 @@ def board_shapes(board: Board, dot_diameters: tuple[float, float] = DOT_DIAMETER
         return BoardShapes(rectangles=np.zeros((0, 4)), discs=np.hstack([board.points[:, :2], radius]))
     column, row = np.meshgrid(np.arange(board.columns), np.arange(board.rows))
     is_black = (column + row) % 2 == 0
-    x, y = column[is_black], row[is_black]
+    x = column[is_black]
+    y = row[is_black]
     squares = np.column_stack([x, y, x + 1, y + 1]).astype(np.float64)
     squares = squares * board.pitch_m + np.tile(board.print_corner, 2)
-    cells = _marker_cells(board) if board.kind == "charuco" else np.zeros((0, 4))
+    cells = np.zeros((0, 4))
+    if board.kind == "charuco":
+        cells = _marker_cells(board)
     return BoardShapes(rectangles=np.vstack([squares, cells]), discs=np.zeros((0, 3)))
 
 
@@ -85,7 +90,8 @@ def render_board(
             "one pixel per pitch and no negative margin"
         )
     margin = round(margin_pitches * pixels_per_pitch)
-    width, height = (count * pixels_per_pitch + 2 * margin for count in (board.columns, board.rows))
+    width = board.columns * pixels_per_pitch + 2 * margin
+    height = board.rows * pixels_per_pitch + 2 * margin
     pixels_per_m = pixels_per_pitch / board.pitch_m
     shapes = board_shapes(board, dot_diameters)
     # Origin of the board frame, in pixels from the outer corner of the top left pixel. The centre of this pixel is at
@@ -113,11 +119,18 @@ def render_board(
 
 def _pixel_shares(low: float, high: float, count: int) -> tuple[slice, NDArray[np.float64]]:
     """Return the pixels between two edges on an axis of `count` pixels, and the covered fraction of each pixel."""
-    # Without rounding, an edge between two pixels could leave a trace of grey.
-    low, high = (round(edge) if abs(edge - round(edge)) < 1e-6 else edge for edge in (low, high))
-    first, last = max(int(np.floor(low)), 0), min(int(np.ceil(high)), count)
+    low = _snap_to_pixel(low)
+    high = _snap_to_pixel(high)
+    first = max(int(np.floor(low)), 0)
+    last = min(int(np.ceil(high)), count)
     starts = np.arange(first, last)
     return slice(first, last), np.minimum(starts + 1, high) - np.maximum(starts, low)
+
+
+def _snap_to_pixel(edge: float) -> float:
+    """Return the nearest whole number if `edge` differs by rounding only. Such an edge would leave a trace of grey."""
+    nearest = round(edge)
+    return nearest if abs(edge - nearest) < MAX_ROUNDING_PX else edge
 
 
 def _sample_positions(pixels: slice) -> NDArray[np.float64]:
