@@ -20,7 +20,8 @@ LENGTH_RAD = 1.0
 
 def pose_correlation(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the correlation (N, N) of the errors at the poses `T` (N, 4, 4) of the flange, or of its camera."""
-    R, p = T[:, :3, :3], T[:, :3, 3]
+    R = T[:, :3, :3]
+    p = T[:, :3, 3]
     squares = ((p[:, None] - p) ** 2).sum(axis=2) / LENGTH_M**2 + rotation_angles(
         R[:, None].swapaxes(-1, -2) @ R[None]
     ) ** 2 / LENGTH_RAD**2

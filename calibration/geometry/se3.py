@@ -60,7 +60,9 @@ def invert_stack(M: NDArray[np.float64]) -> NDArray[np.float64]:
 def cross_matrix(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the skew-symmetric matrices (..., 3, 3) of vectors (..., 3): `cross_matrix(a) @ b = a x b`."""
     result = np.zeros((*v.shape[:-1], 3, 3))
-    result[..., 0, 1], result[..., 0, 2], result[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    result[..., 0, 1] = -v[..., 2]
+    result[..., 0, 2] = v[..., 1]
+    result[..., 1, 2] = -v[..., 0]
     return result - result.swapaxes(-1, -2)
 
 

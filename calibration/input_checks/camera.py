@@ -32,7 +32,8 @@ def check_camera(K: NDArray[np.float64], distortion: NDArray[np.float64], image_
             "intrinsics".
     """
     width, height = image_size
-    K, distortion = (np.asarray(values, dtype=np.float64) for values in (K, distortion))
+    K = np.asarray(K, dtype=np.float64)
+    distortion = np.asarray(distortion, dtype=np.float64)
     if not (np.isfinite(K).all() and np.isfinite(distortion).all()):
         raise HandEyeInputError(
             "not-finite", "the camera matrix or the distortion holds NaN or infinity: read it from the camera again"

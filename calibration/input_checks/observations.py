@@ -130,7 +130,8 @@ def pose_from_vector(xyz_m: ArrayLike, rotvec_rad: ArrayLike, name: str = "T_bas
         HandEyeInputError: The position or the rotation vector is not valid. `slug` is "not-rigid" (not three numbers),
             "not-finite", "degrees" or "millimetres".
     """
-    position, vector = (_three_numbers(values, name) for values in (xyz_m, rotvec_rad))
+    position = _three_numbers(xyz_m, name)
+    vector = _three_numbers(rotvec_rad, name)
     angle = float(np.linalg.norm(vector))
     if angle > 2.0 * np.pi:
         raise HandEyeInputError(
@@ -192,7 +193,8 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _check_corners(view: BoardView, observations: Observations) -> None:
-    ids, pixels = np.asarray(view.ids), np.asarray(view.pixels, dtype=np.float64)
+    ids = np.asarray(view.ids)
+    pixels = np.asarray(view.pixels, dtype=np.float64)
     width, height = observations.image_size
     count = len(observations.board.points)
     problem = None

@@ -120,19 +120,22 @@ def _choose_numberings(disagreements: NDArray[np.float64], fixed: NDArray[np.boo
         disagreements: (N, N, P, P) from `_rotation_disagreements`, radians.
         fixed: (N,) mask, True for views that keep numbering 0.
     """
-    count = len(fixed)
-    best, smallest = np.zeros(count, dtype=np.int64), np.inf
-    every = np.arange(count)
-    for reference in np.flatnonzero(fixed) if fixed.any() else every:
-        chosen = np.where(fixed, 0, disagreements[reference, :, 0].argmin(axis=1))
-        for _ in range(MAX_ITERATIONS):
-            # sums[j, q] is the disagreement of view j, with numbering q, with all views under the current numberings.
-            sums = disagreements[every, :, chosen].sum(axis=0)
-            improved = np.where(fixed, 0, sums.argmin(axis=1))
-            if (improved == chosen).all():
-                break
-            chosen = improved
-        total = float(disagreements[every[:, None], every, chosen[:, None], chosen].sum())
-        if total < smallest:
-            best, smallest = chosen, total
-    return best
+    every = np.arange(len(fixed))
+    references = np.flatnonzero(fixed) if fixed.any() else every
+    candidates = [_fit_numberings(disagreements, fixed, reference) for reference in references.tolist()]
+    totals = [disagreements[every[:, None], every, chosen[:, None], chosen].sum() for chosen in candidates]
+    return candidates[int(np.argmin(totals))]
+
+
+def _fit_numberings(disagreements: NDArray[np.float64], fixed: NDArray[np.bool_], reference: int) -> NDArray[np.int64]:
+    """Return the numberings (N,) that fit the view `reference` with numbering 0, then improve them iteratively."""
+    every = np.arange(len(fixed))
+    chosen = np.where(fixed, 0, disagreements[reference, :, 0].argmin(axis=1))
+    for _ in range(MAX_ITERATIONS):
+        # sums[j, q] is the disagreement of view j, with numbering q, with all views under the current numberings.
+        sums = disagreements[every, :, chosen].sum(axis=0)
+        improved = np.where(fixed, 0, sums.argmin(axis=1))
+        if (improved == chosen).all():
+            break
+        chosen = improved
+    return chosen

@@ -19,9 +19,11 @@ SAME_POSE_M = 1e-3
 """Maximum distance between equal flange poses, metres: about ten times the repeatability of a robot."""
 SAME_POSE_RAD = np.radians(0.2)
 """Maximum angle between equal flange poses, radians."""
-SAME_BOARD_M, SAME_BOARD_RAD = 0.01, np.radians(3.0)
-"""Views at one flange pose are duplicates if their board poses differ by less than these limits. A larger difference
-means that one view is wrong. The solver excludes the wrong view later."""
+SAME_BOARD_M = 0.01
+"""Maximum distance between the board poses of duplicates, metres. A larger difference at one flange pose means that one
+view is wrong. The solver excludes the wrong view later."""
+SAME_BOARD_RAD = np.radians(3.0)
+"""Maximum angle between the board poses of duplicates, radians."""
 
 
 def group_equal_poses(T_base_flange: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -73,11 +75,14 @@ def add_duplicate_reports(
         observations: All N views.
         representatives: (N,) view indices from `choose_representatives`.
     """
-    views, by_name = observations.views, {report.name: report for report in reports}
-    return tuple(
-        by_name[view.name] if k == chosen else _report_duplicate(view, by_name[views[chosen].name])
-        for k, (view, chosen) in enumerate(zip(views, representatives, strict=True))
-    )
+    by_name = {report.name: report for report in reports}
+    all_reports = []
+    for view, chosen in zip(observations.views, representatives, strict=True):
+        report = by_name[observations.views[chosen].name]
+        if report.name != view.name:
+            report = _report_duplicate(view, report)
+        all_reports.append(report)
+    return tuple(all_reports)
 
 
 def _report_duplicate(view: BoardView, representative: ViewReport) -> ViewReport:

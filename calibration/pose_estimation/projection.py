@@ -13,8 +13,10 @@ N_CORRECTIONS = 5
 The entries are relative changes of fx and fy, shifts of cx and cy in focal lengths, and the logarithm of the board
 scale. They are zero for the reported camera matrix and the nominal board size.
 """
-MAX_UNDISTORT_ITERATIONS, UNDISTORT_TOLERANCE_PX = 1000, 1e-9
-"""Limits of the iterative undistortion of a pixel: number of iterations, and error of the redistorted pixel."""
+MAX_UNDISTORT_ITERATIONS = 1000
+"""Maximum number of iterations to undistort a pixel."""
+UNDISTORT_TOLERANCE_PX = 1e-9
+"""Error of the redistorted pixel at which the undistortion stops, pixels."""
 MIN_DEPTH_M = 1e-3
 """Lower limit of the corner depth, metres. Early solver steps can move the board behind the camera."""
 
@@ -73,7 +75,8 @@ def reprojection_residuals(
         Positions (N, M, 3) of all corners in the camera frame, metres.
     """
     K = camera_matrix(corners.K, corrections)
-    R, t = T_camera_board[:, :3, :3], T_camera_board[:, None, :3, 3]
+    R = T_camera_board[:, :3, :3]
+    t = T_camera_board[:, None, :3, 3]
     p = np.exp(corrections[4]) * corners.points @ R.swapaxes(1, 2) + t
     p[..., 2] = np.maximum(p[..., 2], MIN_DEPTH_M)
     pixels = p[..., :2] / p[..., 2:] * K[[0, 1], [0, 1]] + K[:2, 2]
@@ -133,9 +136,12 @@ def pixel_jacobian(
     """
     focal = corners.K[[0, 1], [0, 1]]
     fx, fy = focal * (1 + corrections[:2])
-    x, y, z = p[..., 0] / p[..., 2], p[..., 1] / p[..., 2], p[..., 2]
+    z = p[..., 2]
+    x = p[..., 0] / z
+    y = p[..., 1] / z
     from_origin = p - T_camera_board[:, None, :3, 3]
-    zero, one = np.zeros_like(z), np.ones_like(z)
+    zero = np.zeros_like(z)
+    one = np.ones_like(z)
     # The rows are rotation, translation, focal lengths, principal point and board scale.
     u_rows = [-fx * x * y, fx * (1 + x * x), -fx * y, fx / z, zero, -fx * x / z]
     u_rows += [focal[0] * x, zero, focal[0] * one, zero]
