@@ -27,7 +27,9 @@ def read_limited(path: str | os.PathLike[str], max_bytes: int) -> bytes:
     """
     path = Path(path)
     if not path.is_file():
-        raise IsADirectoryError(f"{path} is not a file") if path.exists() else FileNotFoundError(f"no {path}")
+        if path.exists():
+            raise IsADirectoryError(f"{path} is not a file")
+        raise FileNotFoundError(f"no {path}")
     with path.open("rb") as file:
         content = file.read(max_bytes + 1)
     if len(content) > max_bytes:

@@ -132,10 +132,13 @@ def read_folder(folder: str | os.PathLike[str]) -> FolderContent:
         except HandEyeError as error:
             excluded.append((name, str(error)))
     if not views:
-        reason = f"; {excluded[0][0]}: {excluded[0][1]}" if excluded else ""
+        example = ""
+        if excluded:
+            name, reason = excluded[0]
+            example = f"; {name}: {reason}"
         raise CalibrationFolderError(
             f"{folder} has no usable view: each view needs an image and a JSON file with T_base_flange, for example "
-            f"01.png and 01.json{reason}"
+            f"01.png and 01.json{example}"
         )
     return FolderContent(setup, tuple(views), tuple(excluded))
 
@@ -244,5 +247,10 @@ def _read_form(form: type[FormT], path: Path, remedy: str) -> FormT:
 
 def _natural_key(name: str) -> list[tuple[int, int, str]]:
     """Return a sort key that compares numbers in a name by value, for example 2 before 10."""
-    parts = re.split(r"(\d+)", name)
-    return [(0, int(part), "") if part.isascii() and part.isdigit() else (1, 0, part) for part in parts]
+    return [_natural_key_of_part(part) for part in re.split(r"(\d+)", name)]
+
+
+def _natural_key_of_part(part: str) -> tuple[int, int, str]:
+    if part.isascii() and part.isdigit():
+        return 0, int(part), ""
+    return 1, 0, part

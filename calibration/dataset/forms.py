@@ -141,18 +141,27 @@ def _describe_first_error(error: ValidationError, parents: tuple[int | str, ...]
         parents: Path of field names and list indices from the JSON object to the value with the error.
     """
     first: Any = error.errors(include_url=False)[0]
-    location, kind, context = parents + first["loc"], first["type"], first.get("ctx", {})
+    location = parents + first["loc"]
+    kind = first["type"]
+    context = first.get("ctx", {})
     if isinstance(context.get("error"), ValidationError):
         return _describe_first_error(context["error"], location)
-    name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+    name = "".join(_format_part(part) for part in location).removeprefix(".")
     if kind == "missing":
         return f"{name} is missing: add it"
     if kind == "extra_forbidden":
         return f"{name} is unknown: check the spelling, or remove it"
     if kind == "value_error":
         return f"{name}: {context['error']}"
-    expected = f"{_EXPECTED[kind].format(**context)} is needed" if kind in _EXPECTED else first["msg"]
-    return f"{name} is {reprlib.repr(first['input'])}; {expected}"
+    problem = f"{name} is {reprlib.repr(first['input'])}"
+    if kind not in _EXPECTED:
+        return f"{problem}; {first['msg']}"
+    return f"{problem}; {_EXPECTED[kind].format(**context)} is needed"
+
+
+def _format_part(part: int | str) -> str:
+    """Return a list index as `[1]`, and a field name as `.name`."""
+    return f"[{part}]" if isinstance(part, int) else f".{part}"
 
 
 def document_to_bytes(document: object) -> bytes:
@@ -162,7 +171,9 @@ def document_to_bytes(document: object) -> bytes:
 
 def time_to_json(time: datetime | None) -> str | None:
     """Convert a time to ISO 8601 text with whole seconds. None stays None."""
-    return None if time is None else time.isoformat(timespec="seconds")
+    if time is None:
+        return None
+    return time.isoformat(timespec="seconds")
 
 
 def transform_to_json(T: NDArray[np.float64]) -> dict[str, list[float]]:

@@ -104,8 +104,9 @@ def write_observations(
     Raises:
         OSError: The file cannot be written.
     """
-    views = [_view_to_json(view, False) for view in observations.views]
-    views += [_view_to_json(view, True) for view in held_out.views] if held_out is not None else []
+    views = [_view_to_json(view, held_out=False) for view in observations.views]
+    if held_out is not None:
+        views += [_view_to_json(view, held_out=True) for view in held_out.views]
     document = setup_to_json(Setup.from_observations(observations)) | {"views": views}
     content = json.dumps(document, allow_nan=False).encode()
     replace_synced(path, content)

@@ -51,7 +51,8 @@ def detect_views(content: FolderContent, on_view: OnView | None = None) -> Detec
         BoardDetectionError: At least one image is readable, and no image shows the board. The message gives the reason
             for the first readable image.
     """
-    setup, excluded = content.setup, list(content.excluded)
+    setup = content.setup
+    excluded = list(content.excluded)
     views: list[BoardView] = []
     is_unique: list[bool] = []
     first_error: BoardDetectionError | None = None
@@ -118,9 +119,11 @@ def read_image(path: str | os.PathLike[str], size: tuple[int, int]) -> NDArray[n
 
     path = Path(path)
     content = read_calibration_file(path, MAX_IMAGE_BYTES, "put the image back, or remove its pose too")
+    image = None
     try:
-        encoded = np.frombuffer(content, dtype=np.uint8)
-        image = cv2.imdecode(encoded, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION) if content else None
+        if content:  # OpenCV does not decode an empty buffer.
+            encoded = np.frombuffer(content, dtype=np.uint8)
+            image = cv2.imdecode(encoded, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise CalibrationFolderError(f"{path} is not an image: {error.err}") from error
     if image is None:

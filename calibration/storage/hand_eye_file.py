@@ -150,7 +150,8 @@ def activate(
         HandEyeError: A check of `load_hand_eye` or `require_match` failed. The active file is unchanged.
         OSError: A file cannot be written. The active file is unchanged.
     """
-    run_file, active_file = Path(run_file), Path(active_file)
+    run_file = Path(run_file)
+    active_file = Path(active_file)
     which = "give the file of a solved calibration, or the folder of its run"
     content = _read(run_file, which, which)
     hand_eye = _parse(run_file, content, float("inf"), datetime.now(UTC))
@@ -239,12 +240,12 @@ def _parse(path: Path, content: bytes, max_age_days: float, now: datetime) -> Ha
         warnings=_faces_arm_warnings(form.T_flange_camera)
         + _missing_field_warnings(form)
         + tuple(finding.message for finding in findings),
-        covariance=np.array(form.covariance.matrix) if form.covariance else None,
+        covariance=form.covariance_matrix,
         joint_covariance=form.joint_covariance,
         T_base_board=form.T_base_board,
         board=form.board,
         board_scale=form.board_scale,
-        K=np.array(form.intrinsics.K) if form.intrinsics else None,
+        K=form.camera_matrix,
         verdict=form.verdict,
         findings=findings,
         **vars(form.metrics or Metrics()),

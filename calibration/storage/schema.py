@@ -50,9 +50,11 @@ def _joint_covariance(value: Any) -> NDArray[np.float64] | None:
 
 def _board(value: Any) -> Board | None:
     """Parse the board with its nominal size. The members for the estimated scale are ignored."""
+    if value is None:
+        return None
     if isinstance(value, dict):
         value = {key: item for key, item in value.items() if key not in ("scale", "scale_sigma")}
-    return None if value is None else Board.from_json(value)
+    return Board.from_json(value)
 
 
 def _exact_transform(value: Any) -> NDArray[np.float64]:
@@ -141,3 +143,17 @@ class HandEyeForm(JudgedForm):
     board_scale: NotNegative | None = Field(None, validation_alias=AliasPath("board", "scale"))
     intrinsics: _Intrinsics | None = None
     metrics: Metrics | None = None
+
+    @property
+    def covariance_matrix(self) -> NDArray[np.float64] | None:
+        """(6, 6) covariance of the error of X."""
+        if self.covariance is None:
+            return None
+        return np.array(self.covariance.matrix)
+
+    @property
+    def camera_matrix(self) -> NDArray[np.float64] | None:
+        """(3, 3) fitted pinhole matrix, pixels."""
+        if self.intrinsics is None:
+            return None
+        return np.array(self.intrinsics.K)
