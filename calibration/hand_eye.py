@@ -50,13 +50,16 @@ def solve_hand_eye(observations: Observations, priors: NoisePriors | None = None
         >>> from calibration.target import Board
         >>> from calibration.observations import BoardView, Observations
         >>> from calibration.geometry import from_rotation_vector, inverse, transform_points
-        >>> board, K = Board(), np.array([[805.0, 0, 639.5], [0, 805.0, 399.5], [0, 0, 1]])
+        >>> board = Board()
+        >>> K = np.array([[805.0, 0, 639.5], [0, 805.0, 399.5], [0, 0, 1]])
         >>> T_flange_camera = from_rotation_vector(translation=(0.03, -0.06, 0.05), rotation_vector=(0.1, 0.05, 0.4))
         >>> T_base_board = from_rotation_vector(translation=(0.4, 0.1, 0.0), rotation_vector=(np.pi, 0.0, 0.0))
         >>> views = []  # synthetic views without noise
         >>> for k in range(15):
-        ...     azimuth, tilt = np.radians(24 * k), np.radians((20, 30)[k % 2])
-        ...     roll, distance = (0.4, -1.3, -0.4, 1.3)[k % 4], (0.34, 0.46)[k // 2 % 2]
+        ...     azimuth = np.radians(24 * k)
+        ...     tilt = np.radians((20, 30)[k % 2])
+        ...     roll = (0.4, -1.3, -0.4, 1.3)[k % 4]
+        ...     distance = (0.34, 0.46)[k // 2 % 2]
         ...     tilt_axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         ...     T_board_camera = (
         ...         from_rotation_vector(translation=board.points.mean(axis=0), rotation_vector=tilt * tilt_axis)

@@ -106,7 +106,9 @@ class _Part:
     stop: int
     """Index after the last view."""
     X: NDArray[np.float64]
+    """(4, 4) estimate of X."""
     Y: NDArray[np.float64]
+    """(4, 4) estimate of Y."""
 
     def in_view_order(self, own: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the transform of this part and that of the other views (2, 4, 4), in the order of the views."""

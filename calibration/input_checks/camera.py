@@ -50,7 +50,7 @@ def check_camera(K: NDArray[np.float64], distortion: NDArray[np.float64], image_
     elif not abs(K[0, 1]) <= MAX_SKEW * abs(K[0, 0]):
         problem = f"K has a skew of {K[0, 1]:.5g}, and only cameras without skew are supported"
         to_do = "calibrate the camera without skew, or take the K that the camera reports"
-    elif not all(FOCAL_SHARES[0] * width < focal < FOCAL_SHARES[1] * width for focal in (K[0, 0], K[1, 1])):
+    elif not (_is_plausible_focal(K[0, 0], width) and _is_plausible_focal(K[1, 1], width)):
         problem = f"the focal lengths {K[0, 0]:.5g} and {K[1, 1]:.5g} pixels do not fit a width of {width} pixels"
     elif not (_is_near_middle(K[0, 2], width) and _is_near_middle(K[1, 2], height)):
         axis = f"({K[0, 2]:.5g}, {K[1, 2]:.5g})"
@@ -62,7 +62,13 @@ def check_camera(K: NDArray[np.float64], distortion: NDArray[np.float64], image_
 
 
 def _is_near_middle(position_px: float, size_px: int) -> bool:
-    return AXIS_SHARES[0] * size_px < position_px < AXIS_SHARES[1] * size_px
+    min_share, max_share = AXIS_SHARES
+    return min_share * size_px < position_px < max_share * size_px
+
+
+def _is_plausible_focal(focal_px: float, width_px: int) -> bool:
+    min_share, max_share = FOCAL_SHARES
+    return min_share * width_px < focal_px < max_share * width_px
 
 
 def check_mounting(mounting: str) -> None:

@@ -17,6 +17,20 @@ from calibration.target.board import MIN_CORNERS
 
 MAX_ITERATIONS = 20
 """Maximum number of Levenberg-Marquardt iterations."""
+INITIAL_DAMPING = 1e-4
+"""Damping of the first iteration, relative to the diagonal of the information matrix."""
+DAMPING_DECREASE = 0.1
+"""Factor of the damping after an iteration that decreases the residuals."""
+DAMPING_INCREASE = 10
+"""Factor of the damping after an iteration that increases the residuals."""
+MIN_INFORMATION = 1e-9
+"""Information that is added to the diagonal, so that a view without corners gives no step."""
+MIN_GAIN_SHARE = 1e-10
+"""Decrease of the squared residuals, relative to their sum, below which the iteration stops."""
+MIN_GAIN_PX2 = 1e-20
+"""Decrease of the squared residuals below which the iteration stops, px^2; for residuals of zero."""
+MEDIAN_LENGTH_SIGMAS = 1.177
+"""Median length of a normal error in two coordinates, in standard deviations per coordinate."""
 MAX_RESIDUAL_SIGMAS = 5.0
 """A corner is an outlier if its residual exceeds this number of standard deviations. By chance, one corner in 300 000
 exceeds the limit."""
@@ -66,13 +80,13 @@ def estimate_board_poses(corners: Corners) -> BoardPoses:
     ambiguous = np.flatnonzero(np.isfinite(guesses[1]).all(axis=(1, 2)))
     if not len(ambiguous):
         return first
-    second = _refine_robustly(
-        guesses[1, ambiguous], replace(corners, pixels=corners.pixels[ambiguous], seen=corners.seen[ambiguous])
-    )
+    ambiguous_corners = replace(corners, pixels=corners.pixels[ambiguous], seen=corners.seen[ambiguous])
+    second = _refine_robustly(guesses[1, ambiguous], ambiguous_corners)
     better = second.found & ~(first.rms_px[ambiguous] <= second.rms_px)
-    for kept, other in ((first.T_camera_board, second.T_camera_board), (first.inliers, second.inliers)):
-        kept[ambiguous[better]] = other[better]
-    first.rms_px[ambiguous[better]] = second.rms_px[better]
+    replaced = ambiguous[better]
+    first.T_camera_board[replaced] = second.T_camera_board[better]
+    first.inliers[replaced] = second.inliers[better]
+    first.rms_px[replaced] = second.rms_px[better]
     return first
 
 
@@ -90,8 +104,7 @@ def inlier_corners(T: NDArray[np.float64], corrections: NDArray[np.float64], cor
     distances = np.linalg.norm(reprojection_residuals(T, corrections, corners)[0], axis=2)
     # A view without corners takes the median of its zero residuals, because the median of no residuals is NaN.
     counted = corners.seen | ~corners.seen.any(axis=1, keepdims=True)
-    # The median length of a 2D Gaussian residual is 1.177 standard deviations.
-    sigma = np.nanmedian(np.where(counted, distances, np.nan), axis=1) / 1.177
+    sigma = np.nanmedian(np.where(counted, distances, np.nan), axis=1) / MEDIAN_LENGTH_SIGMAS
     return corners.seen & (distances <= MAX_RESIDUAL_SIGMAS * np.maximum(sigma, MIN_NOISE_PX)[:, None])
 
 
@@ -109,20 +122,20 @@ def refine_poses(
     Returns:
         (N, 4, 4) refined board poses.
     """
-    damping = np.full(len(T), 1e-4)
+    damping = np.full(len(T), INITIAL_DAMPING)
     current = pixel_normal_equations(T, corrections, corners, inliers)
     for _ in range(MAX_ITERATIONS):
         H = current.H[:, :6, :6].copy()
         diagonal = np.einsum("nii->ni", H)
-        diagonal += damping[:, None] * diagonal + 1e-9
+        diagonal += damping[:, None] * diagonal + MIN_INFORMATION
         step = solve_stack(H, current.g[:, :6])
         T_tried = pose_from_twist(step) @ T
         tried = pixel_normal_equations(T_tried, corrections, corners, inliers)
         better = tried.squares_px2 <= current.squares_px2
-        damping = np.where(better, damping * 0.1, damping * 10)
+        damping = np.where(better, damping * DAMPING_DECREASE, damping * DAMPING_INCREASE)
         T = np.where(better[:, None, None], T_tried, T)
         gain = np.where(better, current.squares_px2 - tried.squares_px2, 0.0)
-        if (gain <= 1e-10 * current.squares_px2 + 1e-20).all():
+        if (gain <= MIN_GAIN_SHARE * current.squares_px2 + MIN_GAIN_PX2).all():
             break
         current = PixelNormalEquations(
             np.where(better[:, None, None], tried.H, current.H),

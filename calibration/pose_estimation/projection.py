@@ -152,6 +152,18 @@ def pixel_jacobian(
     return np.concatenate([np.stack(u_rows, axis=1), np.stack(v_rows, axis=1)], axis=2)
 
 
+def jacobian_of_seen(jacobian: NDArray[np.float64], seen: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the Jacobian (2 K, P) of the pixels of K corners in one view: u of all corners, then v of all corners.
+
+    Args:
+        jacobian: (P, 2 M) transposed Jacobian of the view, from `pixel_jacobian`.
+        seen: (M,) mask of the K corners.
+    """
+    n_parameters = len(jacobian)
+    u_and_v = jacobian.reshape(n_parameters, 2, len(seen))
+    return u_and_v[:, :, seen].reshape(n_parameters, -1).T
+
+
 def _undistort(pixels: NDArray[np.float64], observations: Observations) -> NDArray[np.float64]:
     """Return the undistorted positions (N, 2) of corners at `pixels` (N, 2)."""
     if not np.any(observations.distortion) or not len(pixels):

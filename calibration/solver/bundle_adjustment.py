@@ -80,8 +80,15 @@ class _Step:
 
     unknowns: Unknowns
     """Unknowns after the step."""
-    length_sigmas: float
-    """Length of the step of the shared unknowns, in standard deviations."""
+    shared: NDArray[np.float64]
+    """(N_SHARED + S,) step of the shared unknowns."""
+    information: NDArray[np.float64]
+    """(N_SHARED + S, N_SHARED + S) information matrix of the shared unknowns, without damping."""
+
+    @property
+    def length_sigmas(self) -> float:
+        """Length of the step of the shared unknowns, in standard deviations."""
+        return float(np.sqrt(self.shared @ self.information @ self.shared))
 
 
 def _damped_step(current: Adjustment, damping: float) -> _Step:
@@ -94,4 +101,4 @@ def _damped_step(current: Adjustment, damping: float) -> _Step:
     g = equations.g_reduced[used].sum(axis=0) + equations.g_prior
     shared = solve_stack(damped, g)
     robot_errors = np.where(used[:, None], equations.robot_error_steps(shared), 0.0)
-    return _Step(current.unknowns.add_step(shared, robot_errors), float(np.sqrt(shared @ information @ shared)))
+    return _Step(current.unknowns.add_step(shared, robot_errors), shared, information)

@@ -7,12 +7,16 @@ explain shows how far the corners can be trusted about the lens.
 
 import numpy as np
 
-from calibration.pose_estimation.projection import pixel_jacobian, reprojection_residuals
+from calibration.pose_estimation.projection import jacobian_of_seen, pixel_jacobian, reprojection_residuals
 from calibration.solver.adjustment import Adjustment
 from calibration.solver.problem import Problem
 
 EXPONENTS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 """Exponents of the image coordinates x and y in the patterns: the second and third order, as of distortion models."""
+MIN_INFORMATION_SHARE = 1e-9
+"""Minimum information about a pattern, relative to the best determined one. Other patterns are ignored."""
+MIN_DIVISOR = 1e-12
+"""Lower limit of norms and eigenvalues, which are zero if the views have no corners."""
 
 
 def lens_information_weight(problem: Problem, adjusted: Adjustment) -> float:
@@ -42,13 +46,13 @@ def lens_information_weight(problem: Problem, adjusted: Adjustment) -> float:
     for view in np.flatnonzero(inliers.any(axis=1)):
         seen = inliers[view]
         patterns = np.kron(np.eye(2), shifts[view, seen])
-        explained = jacobians[view].reshape(-1, 2, len(seen))[:, :, seen].reshape(len(jacobians[view]), -1).T
-        explained = explained / np.maximum(np.linalg.norm(explained, axis=0), 1e-12)
+        explained = jacobian_of_seen(jacobians[view], seen)
+        explained = explained / np.maximum(np.linalg.norm(explained, axis=0), MIN_DIVISOR)
         patterns = patterns - explained @ np.linalg.lstsq(explained, patterns, rcond=1e-9)[0]
         g += patterns.T @ residuals[view, seen].T.ravel()
         H += patterns.T @ patterns
     values, vectors = np.linalg.eigh(H)
-    determined = values > 1e-9 * max(float(values[-1]), 1e-12)
+    determined = values > MIN_INFORMATION_SHARE * max(float(values[-1]), MIN_DIVISOR)
     if not determined.any():
         return 1.0
     squares = (vectors.T @ g)[determined] ** 2 / values[determined] / adjusted.noise.pixel_px**2

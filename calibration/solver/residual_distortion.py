@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.pose_estimation.projection import pixel_jacobian, reprojection_residuals
+from calibration.pose_estimation.projection import jacobian_of_seen, pixel_jacobian, reprojection_residuals
 from calibration.solver.adjustment import Adjustment
 from calibration.solver.problem import Problem
 
@@ -51,7 +51,7 @@ def estimate_residual_distortion(problem: Problem, adjusted: Adjustment) -> Resi
     H = 0.0
     for view in np.flatnonzero(inliers.any(axis=1)):
         seen = inliers[view]
-        J_explained = jacobians[view].reshape(-1, 2, len(seen))[:, :, seen].reshape(len(jacobians[view]), -1).T
+        J_explained = jacobian_of_seen(jacobians[view], seen)
         unexplained = _project_out(J_explained, J_k1[view, seen].T.ravel())
         g += float(unexplained @ residuals[view, seen].T.ravel())
         H += float(unexplained @ unexplained)

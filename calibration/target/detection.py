@@ -100,7 +100,8 @@ def _find_corners(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int
     """Return the numbers (N,) and pixels (N, 2) of the corners, and whether the numbering is unique."""
     match board.kind:
         case "charuco":
-            return *find_charuco(grey, board), True
+            ids, pixels = find_charuco(grey, board)
+            return ids, pixels, True
         case "checkerboard":
             return find_checkerboard(grey, board)
         case "circles":

@@ -65,7 +65,8 @@ def find_checkerboard(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     grid = make_right_handed(_to_grid(corners, board))
     ordered, is_unique = order_from_black_square(grid, grey, board)
     known = KnownPoints(board.points[:, :2], ordered.reshape(-1, 2))
-    return *refine_corners(grey, board, known), is_unique
+    ids, pixels = refine_corners(grey, board, known)
+    return ids, pixels, is_unique
 
 
 def count_inner_corners(grey: NDArray[np.uint8], board: Board) -> tuple[int, int] | None:
@@ -126,7 +127,8 @@ def find_circles(grey: NDArray[np.uint8], board: Board) -> GridCorners:
     ratios = diameters / np.sqrt(_cell_areas(ordered))
     common = round(float(np.median(ratios)), 2)
     first = round(float(ratios[0, 0]), 2) if is_unique else common
-    return *refine_corners(grey, board, known, dot_diameters=(common, first)), is_unique
+    ids, pixels = refine_corners(grey, board, known, dot_diameters=(common, first))
+    return ids, pixels, is_unique
 
 
 def _has_contrast_everywhere(grid: NDArray[np.float64], grey: NDArray[np.uint8]) -> bool:

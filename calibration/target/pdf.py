@@ -34,10 +34,16 @@ STROKE_MM = 0.25
 """Stroke width of the check line, mm."""
 TEXT_PT = 8.0
 """Font size, points."""
+LINE_SPACING = 1.35
+"""Distance between lines of text, in font sizes."""
+TEXT_GAP_MM = 2.0
+"""Distance between the check line and its text, mm."""
 PITCH_STEP_MM = 0.5
 """Step of the pitch that the message proposes if a board does not fit, mm."""
 MM_PER_INCH = 25.4
 """Millimetres per inch."""
+POINTS_PER_INCH = 72
+"""Typographic points per inch."""
 
 
 @dataclass(frozen=True)
@@ -199,16 +205,20 @@ def _draw_strip(page: "Figure", board: Board, to_page: "Transform", rotation_deg
     from matplotlib.font_manager import FontProperties
     from matplotlib.lines import Line2D
 
-    ends = np.array([0.0, LINE_MM])
-    strokes = [(ends, np.full(2, TICK_MM / 2)), *((np.full(2, end), np.array([0.0, TICK_MM])) for end in ends)]
+    strokes = [
+        ([0.0, LINE_MM], [TICK_MM / 2, TICK_MM / 2]),
+        ([0.0, 0.0], [0.0, TICK_MM]),
+        ([LINE_MM, LINE_MM], [0.0, TICK_MM]),
+    ]
+    stroke_pt = STROKE_MM / MM_PER_INCH * POINTS_PER_INCH
     for x, y in strokes:
-        line = Line2D(x, y, color="black", linewidth=STROKE_MM / MM_PER_INCH * 72, transform=to_page, snap=False)
+        line = Line2D(x, y, color="black", linewidth=stroke_pt, transform=to_page, snap=False)
         line.set_solid_capstyle("butt")
         page.add_artist(line)
     # Matplotlib's own font is always available, unlike the font in the user settings.
     font = FontProperties(fname=Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size=TEXT_PT)
-    line_mm = 1.35 * TEXT_PT / 72 * MM_PER_INCH
-    texts = [(LINE_MM + 2.0, TICK_MM / 2 + line_mm / 4, "100 mm: measure it")]
+    line_mm = LINE_SPACING * TEXT_PT / POINTS_PER_INCH * MM_PER_INCH
+    texts = [(LINE_MM + TEXT_GAP_MM, TICK_MM / 2 + line_mm / 4, "100 mm: measure it")]
     texts += [(0.0, TICK_MM + line_mm * (1 + number), text) for number, text in enumerate(_describe_board(board))]
     to_share_of_page = to_page + page.transFigure.inverted()
     for x, y, text in texts:

@@ -12,6 +12,8 @@ MIN_CORNERS_FOR_SIGMA = 12
 """Minimum number of corners for a noise estimate. Fewer corners leave too few degrees of freedom."""
 MIN_CORNERS_FOR_DISTORTION = 24
 """Minimum number of corners for a fit that includes lens distortion."""
+HOMOGRAPHY_PARAMETERS = 8
+"""Number of parameters of a homography."""
 CUBIC_EXPONENTS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (3, 0))
 """Exponents of the image coordinates x and y in a cubic polynomial."""
 MAX_ITERATIONS = 3
@@ -79,7 +81,7 @@ def _fit_residuals(
     H = np.asarray(cv2.findHomography(points[inliers], pixels[inliers], 0)[0], dtype=np.float64)
     residuals = pixels - apply_homography(H, points)
     if inliers.sum() < MIN_CORNERS_FOR_DISTORTION:
-        return residuals, 8
+        return residuals, HOMOGRAPHY_PARAMETERS
     x, y = (2 * (points - points.min(axis=0)) / np.maximum(np.ptp(points, axis=0), 1e-9) - 1).T
     terms = np.column_stack([x**i * y**j for i, j in CUBIC_EXPONENTS])
     distortion = np.linalg.lstsq(terms[inliers], residuals[inliers], rcond=None)[0]
