@@ -22,6 +22,16 @@ MIN_CERTAIN_CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
+class WrittenLengths:
+    """Arc lengths of a chain as a document states them. Those of its rounded points differ in the last digits."""
+
+    arc_length_m: NDArray[np.float64]
+    """(N,) arc length from the first point to each point, metres."""
+    length_m: float
+    """Length of the chain, metres."""
+
+
+@dataclass(frozen=True, eq=False)
 class Chain:
     """One string as ordered points of its centre line."""
 
@@ -39,15 +49,19 @@ class Chain:
     """(N,) number of views that saw the string at each point; 0 where no view did, for example under a crossing."""
     ends: tuple[End, End]
     """Kinds of the first and the last end."""
+    written_lengths: WrittenLengths | None = None
+    """Arc lengths of the document from which the chain was read. None: they follow from `points`."""
 
     @property
     def arc_length_m(self) -> NDArray[np.float64]:
         """(N,) arc length from the first point to each point, metres."""
-        return arc_length(self.points)
+        return arc_length(self.points) if self.written_lengths is None else self.written_lengths.arc_length_m
 
     @property
     def length_m(self) -> float:
         """Length of the chain, metres. For a closed chain, this includes the link from the last point to the first."""
+        if self.written_lengths is not None:
+            return self.written_lengths.length_m
         gap = float(np.linalg.norm(self.points[0] - self.points[-1])) if self.closed else 0.0
         return float(self.arc_length_m[-1]) + gap
 

@@ -1,6 +1,7 @@
 """The JSON document of a model, schema `pointchain/2`: the one definition for writing, reading and OpenAPI.
 
 Each class reads the fields of the dataclass that it describes. Positions and lengths are rounded to a micrometre.
+Topology and verdicts are computed from the rounded numbers, so a model that is read gives the same document again.
 Documents may gain members, and readers must ignore the members that they do not know.
 """
 
@@ -12,7 +13,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
-from recognition.model.chains import Chain, Crossing, End, StrandPoint
+from recognition.model.chains import Chain, Crossing, End, StrandPoint, WrittenLengths
 from recognition.model.changes import Change, ModelChanges
 from recognition.model.finding_types import FindingCode, Severity
 from recognition.model.findings import Finding, Which
@@ -97,7 +98,8 @@ class _Document(BaseModel):
 
     def _values(self, dataclass: type, **converted: Any) -> dict[str, Any]:
         """Return the values of all fields of a dataclass by name. `converted` values replace those of the document."""
-        return {field.name: getattr(self, field.name) for field in fields(dataclass)} | converted
+        names = {field.name for field in fields(dataclass)} - converted.keys()
+        return {name: getattr(self, name) for name in names} | converted
 
 
 class ChainDocument(_Document):
@@ -130,30 +132,27 @@ class ChainDocument(_Document):
     @classmethod
     def of(cls, chain: Chain, trust: ChainTrust) -> "ChainDocument":
         """Return the document of a chain."""
-        derived = {
-            "length_m": chain.length_m,
-            "arc_length_m": chain.arc_length_m,
-            "trust": trust.verdict,
-            "trusted_m": trust.trusted_m,
-        }
-        return cls.model_validate({field.name: getattr(chain, field.name) for field in fields(chain)} | derived)
+        verdicts = {"trust": trust.verdict, "trusted_m": trust.trusted_m}
+        names = cls.model_fields.keys() - verdicts.keys()
+        return cls.model_validate({name: getattr(chain, name) for name in names} | verdicts)
 
     def to_chain(self) -> Chain:
         """Return the chain with arrays.
 
         Raises:
-            ValueError: The numbers of points, sigmas and view counts differ.
+            ValueError: The numbers of points, arc lengths, sigmas and view counts differ.
         """
-        if not len(self.points) == len(self.sigma_m) == len(self.views):
+        if not len(self.points) == len(self.arc_length_m) == len(self.sigma_m) == len(self.views):
             raise ValueError(
-                f"chain {self.id} has {len(self.points)} points, {len(self.sigma_m)} sigmas and {len(self.views)} view "
-                "counts; the numbers must be equal"
+                f"chain {self.id} has {len(self.points)} points, {len(self.arc_length_m)} arc lengths, "
+                f"{len(self.sigma_m)} sigmas and {len(self.views)} view counts; the numbers must be equal"
             )
         values = self._values(
             Chain,
             points=np.array(self.points, dtype=np.float64).reshape(-1, 3),
             sigma_m=np.array(self.sigma_m, dtype=np.float64),
             views=np.array(self.views, dtype=np.int64),
+            written_lengths=WrittenLengths(np.array(self.arc_length_m, dtype=np.float64), self.length_m),
         )
         return Chain(**values)
 

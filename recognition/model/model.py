@@ -1,7 +1,7 @@
 """The point chain model, the result of recognition. Metres, radians, seconds, base frame."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, Self, TypeVar, cast
 
@@ -54,7 +54,8 @@ class PointChainModel:
     def to_json(self) -> dict[str, Any]:
         """Return the model as a JSON document of schema `pointchain/2`.
 
-        All numbers are finite. Positions and lengths are rounded to a micrometre.
+        All numbers are finite. Positions and lengths are rounded to a micrometre. Topology and verdicts are computed
+        from the rounded numbers, so the model that `from_json` reads gives the same document.
 
         Raises:
             ValueError: A number of the model is not finite.
@@ -69,22 +70,37 @@ class PointChainModel:
             parameters_document,
         )
 
+        written = self._as_written()
         document = ModelDocument.model_validate(
             {
                 "schema": SCHEMA,
                 "frame": self.frame,
                 "method": self.method,
                 "parameters": parameters_document(self.parameters),
-                "chains": [ChainDocument.of(chain, self.chain_trust(chain.id)) for chain in self.chains],
-                "crossings": [CrossingDocument.of(x, self.crossing_verdict(x.id)) for x in self.crossings],
-                "topology": {"gauss_code": self.gauss_code(), "p_data": p_data_document(self.p_data())},
+                "chains": [ChainDocument.of(chain, written.chain_trust(chain.id)) for chain in written.chains],
+                "crossings": [CrossingDocument.of(x, written.crossing_verdict(x.id)) for x in written.crossings],
+                "topology": {"gauss_code": written.gauss_code(), "p_data": p_data_document(written.p_data())},
                 "grasps": self.grasps,
-                "quality": self.quality,
+                "quality": written.quality,
                 "timing_s": dict(self.timing_s),
                 "provenance": self.provenance,
             }
         )
         return document.model_dump(mode="json", by_alias=True)
+
+    def _as_written(self) -> Self:
+        """Return the model with the rounded chains, crossings and findings of its document."""
+        from recognition.model.document import ChainDocument, CrossingDocument, FindingDocument
+
+        chains = [ChainDocument.of(chain, self.chain_trust(chain.id)) for chain in self.chains]
+        crossings = [CrossingDocument.of(crossing, self.crossing_verdict(crossing.id)) for crossing in self.crossings]
+        findings = [FindingDocument.model_validate(finding) for finding in self.quality.findings]
+        return replace(
+            self,
+            chains=tuple(chain.to_chain() for chain in chains),
+            crossings=tuple(crossing.to_crossing() for crossing in crossings),
+            quality=replace(self.quality, findings=tuple(finding.to_finding() for finding in findings)),
+        )
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Self:

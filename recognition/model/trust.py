@@ -26,8 +26,8 @@ Verdict = Literal["accept", "review", "refuse"]
 Interval = tuple[float, float]
 """Arc lengths of the two ends of a part of a chain, metres."""
 ROUNDING_M = 1e-5
-"""Distance below which arc lengths count as equal, metres. Documents round points and arc lengths, and the length of a
-chain that was read from a document therefore differs a little from the parts that concern its end."""
+"""Distance below which arc lengths count as equal, metres. Documents round arc lengths to a micrometre, and sums of
+them differ by a few micrometres."""
 CROSSING_PART_RADII = 3.0
 """Half length of the part of a chain that a finding on a crossing concerns, in radii: the extent of an intersection."""
 

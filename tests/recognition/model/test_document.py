@@ -42,17 +42,14 @@ def test_a_document_gives_the_model_that_wrote_it(model: PointChainModel, docume
     np.testing.assert_allclose(again.crossings[0].point, model.crossings[0].point, atol=5.1e-7)
     np.testing.assert_allclose(again.grasps[0].T_base_grasp, model.grasps[0].T_base_grasp, atol=5.1e-7)
     assert again.parameters == model.parameters
-    # Views and findings are written to a micrometre.
-    assert again.to_json()["quality"] == document["quality"]
-    assert again.to_json()["topology"] == document["topology"]
-    assert again.to_json()["grasps"] == document["grasps"]
+    assert again.to_json() == document
 
 
 def test_rounded_numbers_are_not_changed_by_reading(document: dict[str, Any]) -> None:
     assert ModelDocument.model_validate(document).model_dump(mode="json", by_alias=True) == document
 
 
-def test_a_document_that_was_read_is_written_again_with_the_same_verdicts(
+def test_a_document_with_doubts_that_was_read_is_written_again(
     model: PointChainModel, document: dict[str, Any]
 ) -> None:
     # A doubt about the last end, as the assembly makes it, and one about the crossing.
@@ -64,14 +61,7 @@ def test_a_document_that_was_read_is_written_again_with_the_same_verdicts(
     for findings in ((), doubts, (finding("sharp-bend", "m", chains=(0,)),)):
         first = replace(model, quality=replace(model.quality, findings=findings)).to_json()
         read_again = PointChainModel.from_json(json.loads(json.dumps(first)))
-        again = read_again.to_json()
-        assert again["quality"] == first["quality"]
-        assert [x["trust"] for x in again["crossings"]] == [x["trust"] for x in first["crossings"]]
-        assert again["chains"][0]["trust"] == first["chains"][0]["trust"]
-        # The length of rounded links differs from the length by at most a micrometre a link.
-        assert len(again["chains"][0]["trusted_m"]) == len(first["chains"][0]["trusted_m"])
-        for part, given in zip(again["chains"][0]["trusted_m"], first["chains"][0]["trusted_m"], strict=True):
-            np.testing.assert_allclose(part, given, rtol=0, atol=1e-6 * len(model.chains[0].points))
+        assert read_again.to_json() == first
         last = read_again.chains[0].length_m
         assert read_again.trusted(0, last) == (findings == ())
     assert document["quality"]["verdict"] == model.quality.verdict
