@@ -1,10 +1,17 @@
-"""Options of the tests on pytest's command line, signals of their processes, garbage collection, distribution."""
+"""Options of the tests on pytest's command line, signals of their processes, garbage collection, distribution.
+
+Also the profile of Hypothesis: no test fails because the machine is busy.
+"""
 
 import gc
 import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("busy-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy-machine")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -115,7 +115,7 @@ def models(draw: st.DrawFn) -> PointChainModel:
 
 
 @given(models())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_a_document_that_is_read_and_written_again_is_the_same(model: PointChainModel) -> None:
     document = model.to_json()
     assert PointChainModel.from_json(document).to_json() == document
@@ -124,7 +124,6 @@ def test_a_document_that_is_read_and_written_again_is_the_same(model: PointChain
 
 
 @given(models())
-@settings(deadline=None)
 def test_a_model_that_is_read_has_the_verdicts_and_the_topology_of_its_document(model: PointChainModel) -> None:
     document = json.loads(json.dumps(model.to_json()))
     read = PointChainModel.from_json(document)
