@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -185,14 +186,25 @@ def test_only_an_acknowledgement_ends_a_protective_stop(controller: RunningContr
 
 
 @pytest.mark.parametrize("order", ["before", "after"])
-def test_a_requested_stop_does_not_hide_a_protective_stop(controller: RunningController, arm: UrArm, order: str):
+def test_a_requested_stop_does_not_hide_a_protective_stop(
+    controller: RunningController, arm: UrArm, order: str, monkeypatch: pytest.MonkeyPatch
+):
     """A paused program would finish its move if it were unlocked and played at the pendant."""
+    # A late child would be killed and the program ended over the dashboard, so that no paused program is left.
+    for limit in ("STOP_TURN_S", "STOP_ANSWER_S", "ANSWER_S"):
+        monkeypatch.setattr(f"cell.arm.connection.{limit}", 10.0)
+    # The thread of the move must not end it before both stops were caused.
+    caused = threading.Event()
+    end_stopped = arm._link._end_stopped
+    monkeypatch.setattr(arm._link, "_end_stopped", lambda: caused.wait(10.0) and end_stopped())
     with thread_of(lambda: arm.move(far())) as result:
         moving(controller)
         begin = controller.admin.state().events
         stop_actions = [controller.admin.protective_stop, arm.stop]
         for cause_fault in stop_actions if order == "before" else reversed(stop_actions):
             cause_fault()
+        until(lambda: controller.admin.state().safety_mode == "PROTECTIVE_STOP", 10.0)
+        caused.set()
     assert isinstance(result[0], ProtectiveStopError)
     assert_ended(controller, arm, controller.admin.log(begin))
 
