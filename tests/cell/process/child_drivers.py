@@ -30,6 +30,11 @@ class Driver:
         time.sleep(seconds)
         return "slept"
 
+    def wait_for(self, path: Path) -> str:
+        while not path.exists():
+            time.sleep(0.001)
+        return "waited"
+
     def hang(self, begun: Path) -> None:
         begun.touch()
         time.sleep(60.0)
