@@ -1,1 +1,1 @@
-"""Page generators: each module makes one page of the manual from the code that it describes."""
+"""Page generators: each module makes pages of the manual from the code that they describe."""

@@ -1,4 +1,4 @@
-"""Generate the reference of the command line from the parser of `pointchain`.
+"""Generate the pages of the command line from the parser of `pointchain`.
 
 The text is laid out here and not by argparse, whose layout depends on the terminal and on the version of Python.
 """
@@ -6,7 +6,8 @@ The text is laid out here and not by argparse, whose layout depends on the termi
 import argparse
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from service.cli.main import _parser
 
@@ -16,8 +17,8 @@ WIDTH = 100
 INTRODUCTION = """\
 # Command line
 
-This page is the complete reference of the program `pointchain`: every command and every argument. It is generated from
-the program itself; `pointchain COMMAND --help` prints the same.
+This page lists every command of the program `pointchain`. The page behind each link has its arguments. The pages are
+generated from the program itself; `pointchain COMMAND --help` prints the same.
 
 - After `make setup`, the program is `.venv/bin/pointchain`.
 - Results go to stdout. Progress, questions and error messages go to stderr.
@@ -30,42 +31,94 @@ the program itself; `pointchain COMMAND --help` prints the same.
 - Lengths are in metres. The value in parentheses after a description is the default.
 """
 
-PAGES = {
-    "audit": ("Security", "../integrator/security.md"),
-    "bench": ("Benchmarks", "../researcher/benchmarks.md"),
-    "calibrate": ("Calibrate the camera", "../integrator/calibration.md"),
-    "check": ("Commission a cell", "../integrator/commissioning.md"),
-    "compare": ("Many recordings", "../researcher/batch.md"),
-    "demo": ("Tutorial", "../tutorial.md"),
-    "doctor": ("Operate the service", "../integrator/operation.md"),
-    "export": ("Recordings", "../researcher/recordings.md"),
-    "import": ("Your own data", "../researcher/own-data.md"),
-    "import bag": ("Import ROS bags", "../integrator/ros-bags.md"),
-    "openapi": ("HTTP interface", "../planner/http.md"),
-    "recognise": ("Many recordings", "../researcher/batch.md"),
-    "scan": ("Commission a cell", "../integrator/commissioning.md"),
-    "serve": ("Operate the service", "../integrator/operation.md"),
-    "simulate": ("Simulated scenes", "../researcher/simulated-scenes.md"),
-    "token": ("Security", "../integrator/security.md"),
-    "viewpoints": ("Commission a cell", "../integrator/commissioning.md"),
+INTRODUCTION_OF_PAGE = """\
+# {title}
+
+This page has the arguments of the commands that {subject}.
+[Command line](../command-line.md) lists all commands, and explains exit codes and the configuration file.
+"""
+
+EXPLAINED = {
+    "audit": ("Security", "../../integrator/security.md"),
+    "bench": ("Benchmarks", "../../researcher/benchmarks.md"),
+    "calibrate": ("Calibrate the camera", "../../integrator/calibration.md"),
+    "check": ("Commission a cell", "../../integrator/commissioning.md"),
+    "compare": ("Many recordings", "../../researcher/batch.md"),
+    "demo": ("Tutorial", "../../tutorial.md"),
+    "doctor": ("Operate the service", "../../integrator/operation.md"),
+    "export": ("Recordings", "../../researcher/recordings.md"),
+    "import": ("Your own data", "../../researcher/own-data.md"),
+    "import bag": ("Import ROS bags", "../../integrator/ros-bags.md"),
+    "openapi": ("HTTP interface", "../../planner/http.md"),
+    "recognise": ("Many recordings", "../../researcher/batch.md"),
+    "scan": ("Commission a cell", "../../integrator/commissioning.md"),
+    "serve": ("Operate the service", "../../integrator/operation.md"),
+    "simulate": ("Simulated scenes", "../../researcher/simulated-scenes.md"),
+    "token": ("Security", "../../integrator/security.md"),
+    "viewpoints": ("Commission a cell", "../../integrator/commissioning.md"),
 }
 """The page that explains each command."""
 
 
-def page() -> str:
-    """Return the page as Markdown."""
+@dataclass(frozen=True)
+class Page:
+    """A page on some commands."""
+
+    title: str
+    """Title of the page."""
+    subject: str
+    """What its commands do."""
+    commands: tuple[str, ...]
+    """Names of its commands, in the order of the page."""
+
+
+PAGES = {
+    "cell": Page(
+        "Commands for the cell",
+        "check, calibrate and use the configured cell",
+        ("calibrate", "check", "demo", "scan", "viewpoints"),
+    ),
+    "recordings": Page(
+        "Commands for recordings",
+        "make, import, recognise, compare and export recordings",
+        ("bench", "compare", "export", "import", "recognise", "simulate"),
+    ),
+    "service": Page(
+        "Commands for the service",
+        "run the service, and give access to it",
+        ("audit", "doctor", "openapi", "serve", "token"),
+    ),
+}
+"""The pages below `reference/command-line/`, by file name."""
+
+
+def pages() -> dict[str, str]:
+    """Return the pages as Markdown, by their path below `docs/`."""
     parser = _parser()
-    parts = [INTRODUCTION, _overview(parser)]
-    for name, command in sorted(commands(parser).items()):
+    written = {"reference/command-line.md": _index(parser)}
+    for name, page in PAGES.items():
+        written[f"reference/command-line/{name}.md"] = _page(page, commands(parser))
+    return written
+
+
+def _index(parser: argparse.ArgumentParser) -> str:
+    toctree = ["```{toctree}", ":hidden:", "", *(f"command-line/{name}" for name in PAGES), "```"]
+    return "\n".join([INTRODUCTION, _overview(parser), *toctree, ""])
+
+
+def _page(page: Page, all_commands: Mapping[str, argparse.ArgumentParser]) -> str:
+    parts = [INTRODUCTION_OF_PAGE.format(title=page.title, subject=page.subject)]
+    for name in page.commands:
+        command = all_commands[name]
         parts.append(_section("##", name, command, _see_also(name)))
         for sub, below in sorted(commands(command).items()):
             path = f"{name} {sub}"
-            parts.append(_section("###", path, below, _see_also(path) if path in PAGES else ""))
+            parts.append(_section("###", path, below, _see_also(path) if path in EXPLAINED else ""))
     return "\n".join(parts)
 
 
 def _see_also(name: str) -> str:
-    label, target = PAGES[name]
+    label, target = EXPLAINED[name]
     return f"\nSee also: [{label}]({target}).\n"
 
 
@@ -77,7 +130,8 @@ def commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentPars
 
 def _overview(parser: argparse.ArgumentParser) -> str:
     helps = _helps(parser)
-    rows = [f"| [`{name}`](#{name}) | {_cell(helps[name])} |" for name in sorted(helps)]
+    page_of = {command: name for name, page in PAGES.items() for command in page.commands}
+    rows = [f"| [`{name}`](command-line/{page_of[name]}.md#{name}) | {_cell(helps[name])} |" for name in sorted(helps)]
     return "\n".join(["| command | what it does |", "|---|---|", *rows]) + "\n"
 
 

@@ -8,10 +8,22 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 GENERATED = {
     "docs/planner/errors.md",
+    "docs/planner/errors/calibration.md",
+    "docs/planner/errors/cell.md",
+    "docs/planner/errors/command-line.md",
+    "docs/planner/errors/recognition.md",
+    "docs/planner/errors/recordings.md",
+    "docs/planner/errors/requests.md",
+    "docs/planner/errors/service.md",
     "docs/planner/findings.md",
+    "docs/planner/findings/doubts.md",
+    "docs/planner/findings/notes.md",
     "docs/integrator/configuration.md",
     "docs/researcher/parameters.md",
     "docs/reference/command-line.md",
+    "docs/reference/command-line/cell.md",
+    "docs/reference/command-line/recordings.md",
+    "docs/reference/command-line/service.md",
 }
 """Written by docs/generate.py."""
 

@@ -1,6 +1,7 @@
 """The reference of the command line has every command and every argument of the program."""
 
 import argparse
+import json
 import re
 import subprocess
 import sys
@@ -11,7 +12,9 @@ import pytest
 from service.cli.main import _parser
 from tests.docs.pages import DOCS, ROOT
 
-PAGE = DOCS / "reference/command-line.md"
+INDEX = DOCS / "reference/command-line.md"
+PAGES = sorted((DOCS / "reference/command-line").glob("*.md"))
+ALL_TEXT = "".join(page.read_text() for page in PAGES)
 
 
 def leaves(
@@ -31,7 +34,7 @@ COMMANDS = dict(leaves(_parser()))
 
 def section(name: str) -> str:
     """Return the text below the heading of a command."""
-    (found,) = re.findall(rf"^##+ {re.escape(name)}\n(.*?)(?=^##|\Z)", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    (found,) = re.findall(rf"^##+ {re.escape(name)}\n(.*?)(?=^##? |^###|\Z)", ALL_TEXT, re.MULTILINE | re.DOTALL)
     return found
 
 
@@ -46,12 +49,12 @@ def test_each_command_lists_all_its_arguments(name: str) -> None:
 
 
 def test_no_hidden_argument_is_shown() -> None:
-    assert "--supervised" not in PAGE.read_text()
+    assert "--supervised" not in ALL_TEXT
 
 
 @pytest.mark.parametrize("columns", ["40", "200"])
-def test_the_page_does_not_depend_on_the_terminal_width(columns: str) -> None:
-    program = "from generated.command_line import page; print(page(), end='')"
+def test_the_pages_do_not_depend_on_the_terminal_width(columns: str) -> None:
+    program = "import json; from generated.command_line import pages; print(json.dumps(pages()))"
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=ROOT / "docs",
@@ -60,4 +63,4 @@ def test_the_page_does_not_depend_on_the_terminal_width(columns: str) -> None:
         text=True,
         check=True,
     )
-    assert done.stdout == PAGE.read_text()
+    assert json.loads(done.stdout) == {str(page.relative_to(DOCS)): page.read_text() for page in [INDEX, *PAGES]}

@@ -13,6 +13,7 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "service/client/RE
 STYLE = DOCS / "contributor" / "style.md"
 """Lists the banned words, in the first column of its table."""
 MAX_LINES = 250
+MAX_LINES_GENERATED = 320
 MAX_LINE = 120
 
 BANNED = {
@@ -69,10 +70,11 @@ def long_lines(page: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if name_of(page) not in GENERATED], ids=name_of)
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_a_page_is_short(page: Path) -> None:
     lines = len(page.read_text().splitlines())
-    assert lines <= MAX_LINES, f"{name_of(page)} has {lines} lines; split it, or move facts to their own page"
+    limit = MAX_LINES_GENERATED if name_of(page) in GENERATED else MAX_LINES
+    assert lines <= limit, f"{name_of(page)} has {lines} lines; split it, or move facts to their own page"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

@@ -228,9 +228,11 @@ def test_the_licences_of_the_included_software_are_included() -> None:
     assert text.count("Copyright") >= 4
 
 
-def test_every_type_of_problem_has_its_section() -> None:
-    errors = built(MANUAL_FOLDER / "planner/errors.html")
-    assert set(PROBLEM_TYPES) - errors.ids == set()
+def test_every_type_of_problem_has_its_row_and_its_section() -> None:
+    """The console links to the rows."""
+    rows = built(MANUAL_FOLDER / "planner/errors.html").ids
+    sections = set().union(*(built(page).ids for page in (MANUAL_FOLDER / "planner/errors").glob("*.html")))
+    assert set(PROBLEM_TYPES) - (rows & sections) == set()
 
 
 def test_every_section_that_the_console_links_to_exists() -> None:
