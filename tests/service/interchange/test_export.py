@@ -85,6 +85,7 @@ def test_a_ply_file_matches_its_header(document: dict[str, Any], model_file: Pat
     out = tmp_path / "model.ply"
     main(["export", str(model_file), str(out)])
     head, _, body = out.read_bytes().partition(b"end_header\n")
+    assert f"comment {document['schema']}" in head.decode("ascii").splitlines()
     kinds = {"float": "<f4", "int": "<i4"}
     elements: list[tuple[str, int, list[tuple[str, str]]]] = []
     for line in head.decode("ascii").splitlines():
