@@ -1,10 +1,12 @@
 """Every command and program in the documents runs, either here or in the test that `ELSEWHERE` names.
 
-The blocks of a page run in order, in one folder. A recording that an earlier page has simulated with the same arguments
-is copied. A service with a simulated cell answers the requests of the blocks.
+A `text` block that directly follows one is its output: what is printed is compared with it. The blocks of a page run
+in order, in one folder. A recording that an earlier page has simulated with the same arguments is copied. A service
+with a simulated cell answers the requests of the blocks.
 """
 
 import ast
+import io
 import json
 import os
 import re
@@ -13,15 +15,19 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, redirect_stdout
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cell.config.camera_config import SimulatedCamera
 from service.config.loader import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
 from tests.docs.forked_command import TIMEOUT_S, run_forked
+from tests.docs.outputs import LIVE, SEEDED, differences
 from tests.docs.pages import ROOT, Block, blocks, commands, name_of, pages
 from tests.service.conftest import Serve, wait_until
 from tests.service.live_cell import LiveCell, live_cell
@@ -61,6 +67,16 @@ ELSEWHERE = {
 
 These commands take too long here, or need something that a test machine lacks.
 """
+NOT_COMPARED_HERE = {
+    "README.md": "compared by tests/service/cli/test_main.py",
+    "docs/integrator/calibration.md": "the result of another cell; the second is compared by "
+    "tests/service/cli/calibrate/test_run.py",
+    "docs/integrator/exposures.md": "a measurement that takes the time of a real camera",
+    "docs/integrator/security.md": "the audit log of a cell with a history",
+    "docs/operator/checks.md": "the data folder of a cell with a history",
+    "docs/planner/events.md": "a part of a stream",
+}
+"""Why outputs on a page are not compared with what is printed here, by page."""
 CELL_COMMANDS = ("pointchain scan", "pointchain calibrate", "pointchain viewpoints", "curl")
 """Commands that use the cell. Their tests run one at a time with the other tests of the cell."""
 
@@ -78,6 +94,15 @@ def to_run(page: Path) -> list[Block]:
         if block.language == "python"
         or (block.language == "sh" and any(elsewhere(command) is None for command in commands(block)))
     ]
+
+
+def shown_outputs(page: Path) -> dict[Block, Block]:
+    """Return the output that a page shows after a block, by the block."""
+    return {
+        block: after
+        for block, after in pairwise(blocks(page))
+        if block.language in ("sh", "python") and after.language == "text" and name_of(page) not in NOT_COMPARED_HERE
+    }
 
 
 def uses_service(page: Path) -> bool:
@@ -116,23 +141,23 @@ class Runner:
             "POINTCHAIN_CAMERA__EXPOSURES": "1",
         }
 
-    def run(self, block: Block) -> None:
-        """Run a block: each command of a `sh` block, or a whole `python` block."""
+    def run(self, block: Block) -> str:
+        """Run a block, each command of a `sh` block or a whole `python` block, and return what it prints."""
         where = f"{block.page}:{block.line}"
         if block.language == "python":
-            exec(compile(self._addressed(block.text), where, "exec"), self._names)
-            return
-        for command in commands(block):
-            if elsewhere(command) is None:
-                self._run_command(command, where)
+            with redirect_stdout(io.StringIO()) as printed:
+                exec(compile(self._addressed(block.text), where, "exec"), self._names)
+            return printed.getvalue()
+        here = (command for command in commands(block) if elsewhere(command) is None)
+        return "".join(self._run_command(command, where) for command in here)
 
     def _addressed(self, text: str) -> str:
         return text if self._address is None else text.replace(ADDRESS, self._address)
 
-    def _run_command(self, command: str, where: str) -> None:
+    def _run_command(self, command: str, where: str) -> str:
         setting_up.prepare_command(command, self._folder)
         if setting_up.copy_simulated(command, self._folder):
-            return
+            return ""
         line = self._addressed(command)
         if command.startswith("curl"):
             for name, value in self._ids.items():
@@ -142,12 +167,15 @@ class Runner:
         # the README shows that the installed command starts from a shell
         forked = None if where.startswith("README.md:") else run_forked(line, self._folder, self._environment)
         code, output = forked or self._run_in_shell(line)
-        assert code == 0, f"{where}: {command}\n{output[-3000:]}"
+        # `compare` exits with 1 if something changed
+        accepted = (0, 1) if command.startswith("pointchain compare") else (0,)
+        assert code in accepted, f"{where}: {command}\n{output[-3000:]}"
         setting_up.keep_simulated(command, self._folder)
         made = re.search(r'"id": ?"([\w-]+)"', output)
         if command.startswith("curl") and made is not None and "/api/scans/" not in command:
             kind = next((word for word in ("recordings", "runs") if word in command), "scans")
             self._ids[{"recordings": "REC", "runs": "RUN", "scans": "SCAN"}[kind]] = made[1]
+        return output
 
     def _run_in_shell(self, line: str) -> tuple[int, str]:
         done = subprocess.run(
@@ -165,15 +193,21 @@ class Runner:
 @pytest.fixture(scope="module")
 def shared_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     """A live cell that all pages share, like a service that has been running for a while."""
-    with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
+    with default_cell(serve, tmp_path_factory.mktemp("data")) as live:
         yield live
 
 
 @pytest.fixture
 def new_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveCell]:
     """A live cell that has not scanned yet."""
-    with live_cell(serve, tmp_path_factory.mktemp("data")) as live:
+    with default_cell(serve, tmp_path_factory.mktemp("data")) as live:
         yield live
+
+
+def default_cell(serve: Serve, data: Path) -> AbstractContextManager[LiveCell]:
+    """Return a fast live cell with the scene and the errors of the default configuration, as readers have it."""
+    camera = SimulatedCamera()
+    return live_cell(serve, data, scene=camera.scene, seed=camera.seed, model=camera.model)
 
 
 @pytest.fixture
@@ -200,8 +234,22 @@ def test_the_commands_and_programs_of_a_page_run(
     monkeypatch.setenv("MPLBACKEND", "Agg")
     setting_up.prepare_page(name_of(page), tmp_path)
     runner = Runner(tmp_path, cell)
+    shown = shown_outputs(page)
+    tolerance = LIVE if uses_cell(page) else SEEDED
     for block in to_run(page):
-        runner.run(block)
+        printed = runner.run(block)
+        output = shown.get(block)
+        if output is not None:
+            wrong = differences(output.text, printed, tolerance)
+            assert wrong == [], f"{output.page}:{output.line}\n" + "\n".join(wrong)
+
+
+def test_each_output_that_is_shown_is_compared() -> None:
+    for page in pages():
+        not_run = [block for block in shown_outputs(page) if block not in to_run(page)]
+        assert not_run == [], "compare this output where the command is tested"
+        shows = any(after.language == "text" for block, after in pairwise(blocks(page)) if block.language != "text")
+        assert shows or name_of(page) not in NOT_COMPARED_HERE
 
 
 ALL = [block for page in pages() for block in blocks(page)]

@@ -10,6 +10,7 @@ import pytest
 from cell.camera.camera import LiveCamera
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
+from cell.config.camera_optics import CameraName
 from cell.config.cell_config import CellSettings
 from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host
@@ -104,13 +105,19 @@ def view_states(scan: dict[str, Any]) -> dict[int, str]:
 
 @contextmanager
 def live_cell(
-    serve: Serve, data: Path, time_factor: float = 20.0, scene: str = "figure-eight", seed: int = 0, **settings: Any
+    serve: Serve,
+    data: Path,
+    time_factor: float = 20.0,
+    scene: str = "figure-eight",
+    seed: int = 0,
+    model: CameraName = "ideal",
+    **settings: Any,
 ) -> Iterator[LiveCell]:
     """Yield a service with a fast simulated cell at a free loopback address."""
     host = free_host()
     # On a busy machine, a thread may wait for longer than the default timeout of the watchdog.
     arm = SimulatedArm(host=host, time_factor=time_factor, watchdog_hz=1.0)
-    camera = SimulatedCamera(model="ideal", scene=scene, seed=seed, **FAST)
+    camera = SimulatedCamera(model=model, scene=scene, seed=seed, **FAST)
     with serve(data, arm=arm, camera=camera, **settings) as client:
         cell = LiveCell(client, host)
         try:

@@ -30,6 +30,7 @@ from service.cli.main import main
 from service.processing.reach_finder import ReachFinder
 from service.processing.worker import TaskFailedError
 from service.storage.data_folder import DataFolder
+from tests.docs.outputs import LOOSE, differences, shown_after
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, list[dict[str, Any]], str]:
@@ -343,9 +344,22 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
     assert "make serve, then open http://127.0.0.1:8000" in next_steps
     assert "http://127.0.0.1:8000/manual" in next_steps
     assert f"recognise {folder / 'scan.mcap'}\n" in next_steps
+    check_shown_output(out.replace(f"{tmp_path}/", ""))
     (folder / "mine.txt").write_text("keep")
     assert main(["demo", str(folder)]) == 1
     assert (folder / "mine.txt").exists()
+
+
+def check_shown_output(out: str) -> None:
+    """Check the output of the demo that the README shows. Its lines of progress are shortened there."""
+    shown = shown_after("README.md", "make demo")
+    wrong = differences(result_of_demo(shown), result_of_demo(out), LOOSE)
+    assert wrong == [], "\n".join(wrong)
+
+
+def result_of_demo(out: str) -> str:
+    """Return the output of the demo from the result on. The path of the program is left out."""
+    return re.sub(r"(?<=Recognise again    )\S+", "pointchain", out[out.index("Live scan ") :])
 
 
 def check_best_grasp(out: str, model: dict[str, Any]) -> None:

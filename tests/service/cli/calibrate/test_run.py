@@ -5,6 +5,7 @@ The true pose of the camera on the flange is known.
 
 import io
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from calibration.storage.hand_eye_file import load_hand_eye
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
 from service.cli.main import main
 from tests.cell.loopback import free_host
+from tests.docs.outputs import WORDS, differences, shown_after
 from tests.service.signalled import assert_stopped, interrupt
 
 pytestmark = pytest.mark.xdist_group("service")  # one at a time, because each test runs several busy processes
@@ -86,6 +88,9 @@ def test_a_new_cell_is_calibrated_activated_and_verified(
     code, out, err = calibrate(capsys, "verify", "--config", config)
     assert code == 0, out + err
     assert out.startswith("Verified        the board appears where it lay")
+    shown = shown_after("docs/integrator/calibration.md", "pointchain calibrate verify --config cell.toml")
+    pose = re.compile(r"\d+_pose\d+")  # the order of the poses depends on the camera
+    assert differences(pose.sub("pose", shown), pose.sub("pose", out), WORDS) == []
     shift_by_mm(active, 8.0)
     code, out, err = calibrate(capsys, "verify", "--config", config, "--json", "--folder", tmp_path / "drifted")
     assert code == 1, err
