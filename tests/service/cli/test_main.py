@@ -353,6 +353,7 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
 def check_shown_output(out: str) -> None:
     """Check the output of the demo that the README shows. Its lines of progress are shortened there."""
     shown = shown_after("README.md", "make demo")
+    assert out.startswith(shown.partition("  (and so on")[0])
     wrong = differences(result_of_demo(shown), result_of_demo(out), LOOSE)
     assert wrong == [], "\n".join(wrong)
 
