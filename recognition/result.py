@@ -58,6 +58,6 @@ def in_base_frame(recognition: Recognition) -> Recognition:
     return replace(
         recognition,
         model=move_model(recognition.model, T),
-        registration=None if registration is None else move_registration(registration, T),
-        height_map=None if heights is None else move_heights(heights, T),
+        registration=registration and move_registration(registration, T),
+        height_map=heights and move_heights(heights, T),
     )

@@ -45,10 +45,11 @@ def recognise_after_each_view(
         taken.append(view)
         if len(taken) < FIRST_CHECK or (len(taken) > FIRST_CHECK and next_is_here()):
             continue
-        before, latest = latest, None
+        before = latest
+        latest = None
         try:
             latest = recognise_some(taken, before)
-            doubts = find_doubts(latest.model, None if before is None else before.model)
+            doubts = find_doubts(latest.model, before and before.model)
         except RecognitionError as error:
             doubts = (str(error),)
         checks.append(ViewCheck(len(taken), doubts))

@@ -64,18 +64,13 @@ def find_doubts(model: PointChainModel, before: PointChainModel | None) -> tuple
         doubts.append("no string was found")
     elif used < MIN_SUFFICIENT_VIEWS:
         doubts.append(f"only {used} view{'s' * (used != 1)} can be used")
-    explained = {
-        (chain, found.end)
-        for found in model.quality.findings
-        if found.code in ("end-unobserved", "end-at-border")  # the first of them is a doubt of its own
-        for chain in found.chains
-    }
-    doubts += [
-        f"the {which} end of chain {chain.id} was not observed"
-        for chain in model.chains
-        for which, kind in zip(get_args(Which), chain.ends, strict=True)
-        if kind == "unobserved" and (chain.id, which) not in explained
-    ]
+    # A finding `end-unobserved` is a doubt of its own.
+    on_ends = [found for found in model.quality.findings if found.code in ("end-unobserved", "end-at-border")]
+    for chain in model.chains:
+        explained = [found.end for found in on_ends if chain.id in found.chains]
+        for which, kind in zip(get_args(Which), chain.ends, strict=True):
+            if kind == "unobserved" and which not in explained:
+                doubts.append(f"the {which} end of chain {chain.id} was not observed")
     doubts += [
         f"the confidence of crossing {crossing.id} is {crossing.confidence:.2f}"
         for crossing in model.crossings
@@ -103,15 +98,17 @@ def more_views_finding(checks: Sequence[ViewCheck]) -> Finding | None:
 
 
 def _shortened(doubts: Sequence[str]) -> list[str]:
-    more = len(doubts) - MAX_DOUBTS
-    return [*doubts[:MAX_DOUBTS], *([f"{more} more doubts"] if more > 0 else [])]
+    named = list(doubts[:MAX_DOUBTS])
+    if len(doubts) > MAX_DOUBTS:
+        named.append(f"{len(doubts) - MAX_DOUBTS} more doubts")
+    return named
 
 
 def _topology(model: PointChainModel) -> list[tuple[bool, list[tuple[int, str, int]]]]:
     """Return the crossings along each chain, numbered in the order in which the chains reach them."""
     numbers: dict[int, int] = {}
-    code = [
-        [(numbers.setdefault(crossing, len(numbers)), role, sign) for crossing, role, sign in along]
-        for along in model.gauss_code()
-    ]
-    return [(chain.closed, along) for chain, along in zip(model.chains, code, strict=True)]
+    topology = []
+    for chain, passes in zip(model.chains, model.gauss_code(), strict=True):
+        along = [(numbers.setdefault(crossing, len(numbers)), role, sign) for crossing, role, sign in passes]
+        topology.append((chain.closed, along))
+    return topology

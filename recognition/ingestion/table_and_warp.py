@@ -99,8 +99,9 @@ class TableAndWarp:
         if self._has_new_warp():
             self.without_warp.clear()
             self.planes.clear()
-            for captured in self.views:
-                self._correct(captured, plane if captured is view else None)
+            for captured in self.views[:-1]:
+                self._correct(captured, None)
+            self._correct(view, plane)
             self._move_table(EARLY_PLANES)
             return True
         self._correct(view, plane)
@@ -132,17 +133,19 @@ class TableAndWarp:
         if any(view.index == earlier.index for earlier in self.views):
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
         plane = measure_table(view, self.scene)
+        sample = None if plane is None else sample_table(view, plane, self.scene)
         self.views.append(view)
-        self.samples.append(None if plane is None else sample_table(view, plane, self.scene))
+        self.samples.append(sample)
         return plane
 
     def _correct(self, view: DepthView, plane: ViewPlane | None) -> None:
         """Add a view without the warp, and its plane. `plane` is that of the captured view; None: not measured yet."""
         if self.warp is not None:
             view = correct(view, self.warp)
-            plane = None
+        if self.warp is not None or plane is None:
+            plane = measure_table(view, self.scene)
         self.without_warp.append(view)
-        self.planes.append(measure_table(view, self.scene) if plane is None else plane)
+        self.planes.append(plane)
 
     def _has_new_warp(self) -> bool:
         """Measure the warp in the first views. Return whether it has changed."""

@@ -68,7 +68,8 @@ def _begin_on_ray(points: NDArray[np.float64]) -> CanonicalLine:
     """Return a closed line that begins where the ray from its centroid against `ORDER_AXIS` leaves it."""
     count = len(points)
     offset = points - _mean(close_polyline(points, closed=True))
-    along, side = offset @ ORDER_AXIS, offset @ SIDE_AXIS
+    along = offset @ ORDER_AXIS
+    side = offset @ SIDE_AXIS
     following = np.roll(side, -1)
     share = side / np.where(side == following, 1.0, side - following)
     crosses = (side >= 0) != (following >= 0)

@@ -107,8 +107,11 @@ class ChainInterpolator:
 
     @cached_property
     def _s(self) -> NDArray[np.float64]:
-        s, length = self.chain.arc_length_m, self.chain.length_m
-        return np.concatenate([s - length, s, s + length, [2 * length]]) if self.chain.closed else s
+        s = self.chain.arc_length_m
+        if not self.chain.closed:
+            return s
+        length = self.chain.length_m
+        return np.concatenate([s - length, s, s + length, [2 * length]])
 
     def __call__(self, s: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Interpolate `values` at the arc lengths `s`.

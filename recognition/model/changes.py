@@ -14,16 +14,20 @@ from recognition.model.line_alignment import LineAlignment, align_lines
 Change = Literal["unmoved", "moved", "deformed"]
 """What happened to a chain. `moved`: it kept its shape. `deformed`: its shape has changed."""
 
-LENGTH_SIGMA_SHARE, LENGTH_SIGMA_M = 0.01, 0.002
-"""Standard deviation of the difference of two measured lengths: a share of the length, plus metres."""
+LENGTH_SIGMA_SHARE = 0.01
+"""Standard deviation of the difference of two measured lengths, as a share of the length. `LENGTH_SIGMA_M` is added."""
+LENGTH_SIGMA_M = 0.002
+"""Part of this standard deviation that does not depend on the length, metres."""
 RADIUS_SIGMA_SHARE = 0.1
 """Standard deviation of the difference of two measured radii, as a share of the radius."""
 SHAPE_SIGMA_RADII = 0.5
 """Standard deviation of the distance of two measurements of one line, in radii. Grasps tolerate such a distance."""
 DEFORMED_SIGMA_SHARE = 0.2
 """Standard deviation of the distance of a deformed line from its former shape, as a share of its length."""
-MOVED_COST, DEFORMED_COST = 6.0, 12.0
-"""Costs of a moved and of a deformed chain, in squared sigmas, because most strings stay where they are."""
+MOVED_COST = 6.0
+"""Cost of a moved chain, in squared sigmas, because most strings stay where they are."""
+DEFORMED_COST = 12.0
+"""Cost of a deformed chain, in squared sigmas."""
 UNMATCHED_COST = 36.0
 """Cost of a chain that is gone and another one that is new, in squared sigmas. A match must cost less."""
 OPEN_ENDED_WEIGHT = 0.05
@@ -89,12 +93,15 @@ def compare_chains(before: Sequence[Chain], now: Sequence[Chain]) -> ModelChange
     # Imported here, because SciPy takes half a second to load, and most users of a model do not compare it.
     from scipy.optimize import linear_sum_assignment
 
-    candidates = [[_candidate(a, b) for b in now] for a in before]
-    cost = np.array([[candidate.cost for candidate in row] for row in candidates]).reshape(len(before), len(now))
+    candidates = {(i, j): _candidate(before[i], now[j]) for i, j in np.ndindex(len(before), len(now))}
+    cost = np.empty((len(before), len(now)))
+    for pair, candidate in candidates.items():
+        cost[pair] = candidate.cost
     rows, columns = linear_sum_assignment(np.minimum(cost, UNMATCHED_COST))
     pairs = [(i, j) for i, j in zip(rows.tolist(), columns.tolist(), strict=True) if cost[i, j] < UNMATCHED_COST]
-    matches = [_match(before[i], now[j], candidates[i][j], _confidence(cost, i, j)) for i, j in pairs]
-    found_before, found_now = {i for i, _ in pairs}, {j for _, j in pairs}
+    matches = [_match(before[i], now[j], candidates[i, j], _confidence(cost, i, j)) for i, j in pairs]
+    found_before = {i for i, _ in pairs}
+    found_now = {j for _, j in pairs}
     return ModelChanges(
         matches=tuple(sorted(matches, key=lambda match: match.chain)),
         new=tuple(chain.id for j, chain in enumerate(now) if j not in found_now),
@@ -104,7 +111,8 @@ def compare_chains(before: Sequence[Chain], now: Sequence[Chain]) -> ModelChange
 
 def _candidate(before: Chain, now: Chain) -> _Candidate:
     """Return the cheapest explanation of two chains as one string."""
-    length, radius = max(before.length_m, now.length_m), max(before.radius_m, now.radius_m)
+    length = max(before.length_m, now.length_m)
+    radius = max(before.radius_m, now.radius_m)
     alignment = align_lines(before, now, SHAPE_SIGMA_RADII * radius)
     if before.closed != now.closed:
         return _Candidate(np.inf, "deformed", alignment)
@@ -140,13 +148,17 @@ def _confidence(cost: NDArray[np.float64], i: int, j: int) -> float:
 
 def _match(before: Chain, now: Chain, candidate: _Candidate, confidence: float) -> ChainMatch:
     alignment = candidate.alignment
-    is_unmoved = candidate.change == "unmoved"
+    T_now_before = alignment.T_now_before
+    rms_m = alignment.rms_m
+    if candidate.change == "unmoved":
+        T_now_before = np.eye(4)
+        rms_m = _distance(before, now)
     return ChainMatch(
         chain=now.id,
         before=before.id,
         change=candidate.change,
-        T_now_before=np.eye(4) if is_unmoved else alignment.T_now_before,
-        rms_m=_distance(before, now) if is_unmoved else alignment.rms_m,
+        T_now_before=T_now_before,
+        rms_m=rms_m,
         displacement_m=alignment.displacement_m,
         is_reversed=alignment.is_reversed,
         s_offset_m=alignment.s_offset_m,

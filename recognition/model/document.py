@@ -396,13 +396,9 @@ class FindingDocument(_Document):
 
     def to_finding(self) -> Finding:
         """Return the finding."""
-        values = self._values(
-            Finding,
-            chains=self.chains or (),
-            s_range_m=None if self.s_range_m is None else tuple(self.s_range_m),
-            point_m=None if self.point_m is None else tuple(self.point_m),
-        )
-        return Finding(**values)
+        s_range_m = None if self.s_range_m is None else tuple(self.s_range_m)
+        point_m = None if self.point_m is None else tuple(self.point_m)
+        return Finding(**self._values(Finding, chains=self.chains or (), s_range_m=s_range_m, point_m=point_m))
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:

@@ -73,6 +73,9 @@ def finding(
         value: Measured value, in the unit that `FINDING_TYPES` gives.
         limit: Limit of the value.
     """
+    if s_range_m is not None:
+        s_range_m = (float(s_range_m[0]), float(s_range_m[1]))
+    point_m = None if point is None else (float(point[0]), float(point[1]), float(point[2]))
     return Finding(
         code=code,
         severity=FINDING_TYPES[code].severity,
@@ -80,12 +83,17 @@ def finding(
         chains=tuple(chains),
         crossing=crossing,
         end=end,
-        s_range_m=None if s_range_m is None else (float(s_range_m[0]), float(s_range_m[1])),
-        point_m=None if point is None else (float(point[0]), float(point[1]), float(point[2])),
+        s_range_m=s_range_m,
+        point_m=point_m,
         view=view,
-        value=None if value is None else float(value),
-        limit=None if limit is None else float(limit),
+        value=_as_float(value),
+        limit=_as_float(limit),
     )
+
+
+def _as_float(value: float | None) -> float | None:
+    """Return a NumPy scalar as a float. None stays None."""
+    return None if value is None else float(value)
 
 
 def most_serious_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -1,6 +1,6 @@
 """Alignment of two lines by a rigid motion in the table plane."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +43,14 @@ def align_lines(before: Chain, now: Chain, tolerance_m: float) -> LineAlignment:
         now: Chain after the motion. Both chains are open, or both are closed.
         tolerance_m: Accepted increase of the distance after the motion, metres.
     """
-    a, b = _samples(before), _samples(now)
-    alignments = [
-        _fit(a, np.roll(_reversed(b, now.closed) if is_reversed else b, -shift, axis=0), is_reversed, shift, now)
-        for is_reversed in (False, True)
-        for shift in (range(SAMPLES) if now.closed else (0,))
-    ]
+    a = _samples(before)
+    b = _samples(now)
+    shifts = range(SAMPLES) if now.closed else range(1)
+    alignments = [_fit(a, np.roll(b, -shift, axis=0), _offset(shift, now)) for shift in shifts]
+    backwards = _reversed(b, now.closed)
+    for shift in shifts:
+        alignment = _fit(a, np.roll(backwards, -shift, axis=0), _offset(-shift, now))
+        alignments.append(replace(alignment, is_reversed=True))
     limit = min(alignment.rms_m for alignment in alignments) + tolerance_m
     return min(
         (alignment for alignment in alignments if alignment.rms_m <= limit),
@@ -56,10 +58,9 @@ def align_lines(before: Chain, now: Chain, tolerance_m: float) -> LineAlignment:
     )
 
 
-def _offset(shift: int, is_reversed: bool, now: Chain) -> float:
-    """Return the arc length of the sample that corresponds to the first sample, metres."""
-    share = shift / SAMPLES
-    return (-share if is_reversed else share) % 1.0 * now.length_m if now.closed else 0.0
+def _offset(shift: int, now: Chain) -> float:
+    """Return the arc length of the sample that corresponds to the first sample, metres. `shift` is 0 on open chains."""
+    return shift / SAMPLES % 1.0 * now.length_m
 
 
 def _samples(chain: Chain) -> NDArray[np.float64]:
@@ -73,10 +74,12 @@ def _reversed(points: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:
     return np.roll(points[::-1], 1, axis=0) if closed else points[::-1]
 
 
-def _fit(a: NDArray[np.float64], b: NDArray[np.float64], is_reversed: bool, shift: int, now: Chain) -> LineAlignment:
-    """Return the motion with the least squared distances of `a` (N, 3) from `b` (N, 3), the samples of `now`."""
-    mean_a, mean_b = a.mean(axis=0), b.mean(axis=0)
-    p, q = (a - mean_a)[:, :2], (b - mean_b)[:, :2]
+def _fit(a: NDArray[np.float64], b: NDArray[np.float64], s_offset_m: float) -> LineAlignment:
+    """Return the motion with the least squared distances of samples `a` (N, 3) from samples `b` (N, 3)."""
+    mean_a = a.mean(axis=0)
+    mean_b = b.mean(axis=0)
+    p = (a - mean_a)[:, :2]
+    q = (b - mean_b)[:, :2]
     angle = np.arctan2((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum(), (p * q).sum())
     T = np.eye(4)
     T[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
@@ -85,7 +88,7 @@ def _fit(a: NDArray[np.float64], b: NDArray[np.float64], is_reversed: bool, shif
     return LineAlignment(
         T_now_before=T,
         rms_m=float(np.sqrt((residual**2).sum(axis=1).mean())),
-        is_reversed=is_reversed,
-        s_offset_m=_offset(shift, is_reversed, now),
+        is_reversed=False,
+        s_offset_m=s_offset_m,
         displacement_m=float(np.linalg.norm(a - b, axis=1).max()),
     )

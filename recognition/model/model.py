@@ -119,6 +119,7 @@ class PointChainModel:
         check_schema(document)
         try:
             parsed = ModelDocument.model_validate(document)
+            provenance = None if parsed.provenance is None else parsed.provenance.to_provenance()
             model = cls(
                 method=cast(Method, parsed.method),
                 parameters=parameters_from_document(parsed.parameters),
@@ -128,7 +129,7 @@ class PointChainModel:
                 timing_s=parsed.timing_s,
                 frame=parsed.frame,
                 grasps=tuple(grasp.to_grasp() for grasp in parsed.grasps),
-                provenance=None if parsed.provenance is None else parsed.provenance.to_provenance(),
+                provenance=provenance,
             )
         except ValidationError as error:
             first = error.errors()[0]
@@ -139,9 +140,11 @@ class PointChainModel:
         except (ValueError, OverflowError) as error:
             raise ModelError(f"not a point chain model: {error}") from error
         known = {chain.id for chain in model.chains}
-        referred = {position.chain for crossing in model.crossings for position in (crossing.over, crossing.under)}
-        referred |= {grasp.chain for grasp in model.grasps}
-        referred |= {chain for finding in model.quality.findings for chain in finding.chains}
+        referred = {grasp.chain for grasp in model.grasps}
+        for crossing in model.crossings:
+            referred |= {crossing.over.chain, crossing.under.chain}
+        for finding in model.quality.findings:
+            referred |= set(finding.chains)
         if not referred <= known:
             raise ModelError(f"the model refers to chains that it does not have: {sorted(referred - known)}")
         named = {finding.crossing for finding in model.quality.findings} - {crossing.id for crossing in model.crossings}

@@ -5,8 +5,9 @@ P-data is a representation for knot planners. The paper (section I, references [
 `PData` defines them.
 """
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -19,8 +20,12 @@ from recognition.model.chains import Chain, Crossing, End, StrandPoint
 Role = Literal["over", "under"]
 """Whether a chain passes over or under the other strand at a crossing."""
 
-OVER, UNDER, JOINED = 1, -1, 2
-"""Entries of `PData.matrix`: over pass of a crossing, under pass of a crossing, and end of a chain."""
+OVER = 1
+"""Entry of `PData.matrix`: over pass of a crossing."""
+UNDER = -1
+"""Entry of `PData.matrix`: under pass of a crossing."""
+JOINED = 2
+"""Entry of `PData.matrix`: end of a chain, or the segment of a ring without crossings."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,10 @@ def gauss_code(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[l
     Raises:
         TopologyError: A crossing refers to a chain that does not exist.
     """
-    return [[[crossing.id, role, crossing.sign] for _, role, crossing in along] for along in _passes(chains, crossings)]
+    code = []
+    for along in _passes(chains, crossings):
+        code.append([[entry.crossing.id, entry.role, entry.crossing.sign] for entry in along])
+    return code
 
 
 def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
@@ -123,44 +131,80 @@ def p_data(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> PData:
         TopologyError: A crossing refers to a chain that does not exist.
     """
     passes = _passes(chains, crossings)
-    ends: list[Element] = []
+    elements: list[Element] = []
     for chain in chains:
         if not chain.closed:
-            ends += [
-                EndElement(chain.id, "first", 0.0, chain.ends[0]),
-                EndElement(chain.id, "last", chain.length_m, chain.ends[1]),
-            ]
-    passed = {crossing.id: crossing for along in passes for _, _, crossing in along}
-    element_index = {crossing_id: len(ends) + k for k, crossing_id in enumerate(passed)}
-    elements = [*ends, *(CrossingElement(x.id, x.sign, x.over, x.under) for x in passed.values())]
+            elements.append(EndElement(chain.id, "first", 0.0, chain.ends[0]))
+            elements.append(EndElement(chain.id, "last", chain.length_m, chain.ends[1]))
+    element_of_crossing: dict[int, int] = {}
+    for entry in itertools.chain.from_iterable(passes):
+        crossing = entry.crossing
+        if crossing.id not in element_of_crossing:
+            element_of_crossing[crossing.id] = len(elements)
+            elements.append(CrossingElement(crossing.id, crossing.sign, crossing.over, crossing.under))
     entries: list[tuple[int, int, int]] = []
     end = 0
     for chain, along in zip(chains, passes, strict=True):
-        stops = [(s, element_index[crossing.id], OVER if role == "over" else UNDER) for s, role, crossing in along]
+        stops = [_Stop(entry.s_m, element_of_crossing[entry.crossing.id], entry.value) for entry in along]
         if not chain.closed:
-            stops = [(0.0, end, JOINED), *stops, (chain.length_m, end + 1, JOINED)]
+            stops = [_Stop(0.0, end, JOINED), *stops, _Stop(chain.length_m, end + 1, JOINED)]
             end += 2
         elif stops:
-            stops = [*stops, (stops[0][0] + chain.length_m, *stops[0][1:])]
+            # The last segment of a ring ends at its first crossing, one turn later.
+            stops.append(replace(stops[0], s_m=stops[0].s_m + chain.length_m))
         else:
             entries.append((len(elements), len(elements), JOINED))
             elements.append(SegmentElement(chain.id, (0.0, chain.length_m)))
-        for (s, previous, leaving), (t, following, arriving) in pairwise(stops):
+        for start, stop in pairwise(stops):
             segment = len(elements)
-            entries += [(previous, segment, leaving), (segment, following, arriving)]
-            elements.append(SegmentElement(chain.id, (s, t)))
+            entries.append((start.element, segment, start.value))
+            entries.append((segment, stop.element, stop.value))
+            elements.append(SegmentElement(chain.id, (start.s_m, stop.s_m)))
     matrix = np.zeros((len(elements), len(elements)), dtype=np.int8)
-    for i, j, value in entries:
-        matrix[i, j] = value
+    for row, column, value in entries:
+        matrix[row, column] = value
     return PData(tuple(elements), matrix)
 
 
-def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[tuple[float, Role, Crossing]]]:
-    """Return the crossing passes of each chain, (arc length, role, crossing), sorted along the chain.
+@dataclass(frozen=True)
+class _Stop:
+    """An end or a crossing on the way along a chain, where a segment begins or ends."""
+
+    s_m: float
+    """Arc length, metres."""
+    element: int
+    """Index of the element."""
+    value: int
+    """Entry of the matrix."""
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """A pass of a chain over or under another strand."""
+
+    s_m: float
+    """Arc length along the chain, metres."""
+    role: Role
+    crossing: Crossing
+
+    @property
+    def value(self) -> int:
+        """Entry of the matrix."""
+        return OVER if self.role == "over" else UNDER
+
+    @property
+    def sort_key(self) -> tuple[float, Role, int, float]:
+        """Order along the chain, which does not depend on the order of the crossings."""
+        other = self.crossing.under if self.role == "over" else self.crossing.over
+        return self.s_m, self.role, other.chain, other.s_m
+
+
+def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list[_Pass]]:
+    """Return the crossing passes of each chain, sorted along the chain.
 
     The result does not depend on the order of `crossings`.
     """
-    passes: dict[int, list[tuple[float, Role, Crossing]]] = {chain.id: [] for chain in chains}
+    passes: dict[int, list[_Pass]] = {chain.id: [] for chain in chains}
     for crossing in crossings:
         positions: tuple[tuple[Role, StrandPoint], ...] = (("over", crossing.over), ("under", crossing.under))
         for role, position in positions:
@@ -168,11 +212,5 @@ def _passes(chains: Sequence[Chain], crossings: Sequence[Crossing]) -> list[list
                 raise TopologyError(
                     f"crossing {crossing.id} refers to chain {position.chain}, which is not in the model"
                 )
-            passes[position.chain].append((position.s_m, role, crossing))
-
-    def sort_key(entry: tuple[float, Role, Crossing]) -> tuple[float, Role, int, float]:
-        s, role, crossing = entry
-        other = crossing.under if role == "over" else crossing.over
-        return s, role, other.chain, other.s_m
-
-    return [sorted(passes[chain.id], key=sort_key) for chain in chains]
+            passes[position.chain].append(_Pass(position.s_m, role, crossing))
+    return [sorted(passes[chain.id], key=lambda entry: entry.sort_key) for chain in chains]

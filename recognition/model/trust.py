@@ -14,7 +14,7 @@ chain. A finding that names no chain concerns the model only, for example becaus
 Notes change no verdict.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -48,8 +48,9 @@ class ChainTrust:
     @property
     def trusted_m(self) -> tuple[Interval, ...]:
         """The other parts of the chain, in order."""
-        edges = [0.0, *(edge for part in self.doubtful_m for edge in part), self.length_m]
-        return tuple((start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True) if start < stop)
+        starts = [0.0, *(stop for _, stop in self.doubtful_m)]
+        stops = [*(start for start, _ in self.doubtful_m), self.length_m]
+        return tuple((start, stop) for start, stop in zip(starts, stops, strict=True) if start < stop)
 
     def is_trusted(self, s_m: float, half_length_m: float = 0.0) -> bool:
         """Return whether no doubtful part overlaps the part of the chain about a position.
@@ -58,13 +59,14 @@ class ChainTrust:
             s_m: Arc length of the position, metres. Beyond an end of an open chain, the position is the end.
             half_length_m: Half length of the part about the position, metres.
         """
-        s_m = s_m if self.closed else min(max(s_m, 0.0), self.length_m)
-        turns = (-self.length_m, 0.0, self.length_m) if self.closed else (0.0,)
-        return not any(
-            start <= s_m + turn + half_length_m and s_m + turn - half_length_m <= stop
-            for start, stop in self.doubtful_m
-            for turn in turns
-        )
+        if self.closed:
+            positions = (s_m - self.length_m, s_m, s_m + self.length_m)
+        else:
+            positions = (min(max(s_m, 0.0), self.length_m),)
+        for start, stop in self.doubtful_m:
+            if any(start <= s + half_length_m and s - half_length_m <= stop for s in positions):
+                return False
+        return True
 
 
 def model_verdict(findings: Sequence[Finding]) -> Verdict:
@@ -90,9 +92,11 @@ def chain_trust(chain: Chain, crossings: Sequence[Crossing], findings: Sequence[
     if whole:
         verdict = "refuse" if any(finding.severity == "blocking" for finding in whole) else "review"
         return ChainTrust(verdict, length, chain.closed, ((0.0, length),))
-    parts = [part for finding in serious for part in _parts(finding, chain, crossings)]
-    doubtful = _merged(parts, length, chain.closed)
-    return ChainTrust("review" if serious else "accept", length, chain.closed, doubtful)
+    verdict = "review" if serious else "accept"
+    parts: list[Interval] = []
+    for finding in serious:
+        parts += _parts(finding, chain, crossings)
+    return ChainTrust(verdict, length, chain.closed, _merged(parts, length, chain.closed))
 
 
 def crossing_verdict(crossing: Crossing, trusts: Sequence[ChainTrust], findings: Sequence[Finding]) -> Verdict:
@@ -115,24 +119,19 @@ def _parts(finding: Finding, chain: Chain, crossings: Sequence[Crossing]) -> lis
     if finding.s_range_m is not None:
         return [finding.s_range_m]
     half = CROSSING_PART_RADII * chain.radius_m
-    positions: Iterable[StrandPoint] = (
-        position for x in crossings if x.id == finding.crossing for position in (x.over, x.under)
-    )
+    positions: list[StrandPoint] = []
+    for crossing in crossings:
+        if crossing.id == finding.crossing:
+            positions += [crossing.over, crossing.under]
     return [(at.s_m - half, at.s_m + half) for at in positions if at.chain == chain.id]
 
 
 def _merged(parts: Sequence[Interval], length: float, closed: bool) -> tuple[Interval, ...]:
     """Return the parts within 0 to `length`, in order and without overlaps. On a closed chain, parts wrap around."""
-    turns = (0.0,)
     if closed and length > 0:
         parts = [(start % length, start % length + stop - start) for start, stop in parts]
-        turns = (-length, 0.0)
-    turned = [(start + turn, stop + turn) for start, stop in parts for turn in turns]
-    clipped = [
-        (start if start > ROUNDING_M else 0.0, stop if stop < length - ROUNDING_M else length)
-        for start, stop in turned
-        if start <= length and stop >= 0.0
-    ]
+        parts += [(start - length, stop - length) for start, stop in parts]
+    clipped = [_clipped(start, stop, length) for start, stop in parts if start <= length and stop >= 0.0]
     merged: list[Interval] = []
     for start, stop in sorted(clipped):
         if merged and start <= merged[-1][1] + ROUNDING_M:
@@ -140,3 +139,12 @@ def _merged(parts: Sequence[Interval], length: float, closed: bool) -> tuple[Int
         else:
             merged.append((start, stop))
     return tuple(merged)
+
+
+def _clipped(start: float, stop: float, length: float) -> Interval:
+    """Return a part of a chain within 0 to `length`. Its ends snap to those of the chain."""
+    if start <= ROUNDING_M:
+        start = 0.0
+    if stop >= length - ROUNDING_M:
+        stop = length
+    return start, stop

@@ -104,7 +104,9 @@ def _bands(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.f
     half_width = np.asarray(ndimage.distance_transform_edt(band)) * CELL_M
     piece = np.zeros(occupied.shape, dtype=np.int32)
     ndimage.label(band, output=piece)
-    extent = [max(part.stop - part.start for part in parts) for parts in ndimage.find_objects(piece) if parts]
+    extent = [
+        max(rows.stop - rows.start, columns.stop - columns.start) for rows, columns in ndimage.find_objects(piece)
+    ]
     band &= np.concatenate([[False], np.array(extent) * CELL_M >= MIN_LENGTH_M])[piece]
     return band, half_width
 

@@ -83,9 +83,10 @@ def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainPara
     if not first.classified.strings or np.count_nonzero(is_rest) < MIN_POINTS:
         return StringsOfAllRadii((first.classified,), first_ambiguous)
     passes = [first.classified]
+    known = list(first.classified.strings)
+    thicker_strings: list[FittedStrand] = []
     ambiguous: list[AmbiguousPair] = []
     for _ in range(MAX_PASSES):
-        known = [string for found in passes for string in found.strings]
         radius_m = _radius_of_rest(surface.points, known, surface.support, parameters)
         if radius_m is None:
             break
@@ -95,10 +96,11 @@ def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainPara
         passes.append(found)
         if not found.strings:
             break
+        known += found.strings
+        thicker_strings += found.strings
         # Other strands of this pass lie on the remains of thinner strings, or on objects.
         pairs = further.traced.pairing.ambiguous
         ambiguous += [pair for pair in pairs if _lies_along(pair, found.strings, OWN_RADII)]
-    thicker_strings = [string for found in passes[1:] for string in found.strings]
     if not thicker_strings:
         return StringsOfAllRadii(tuple(passes), (*ambiguous, *first_ambiguous))
     passes[0] = _classify_rest(first.refinement, surface, thicker_strings, parameters)

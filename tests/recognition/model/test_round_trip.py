@@ -62,15 +62,22 @@ def random_grasp(rng: Rng, number: int, chains: Sequence[Chain]) -> Grasp:
     at = random_position(rng, chains)
     opening_m, reach_m, clearance_m, table_clearance_m = (float(value) for value in rng.uniform(0.0, 0.05, size=4))
     return Grasp(
-        at.chain,
-        at.s_m,
-        random_pose(rng),
-        opening_m,
-        reach_m,
-        clearance_m,
-        table_clearance_m,
-        score=float(rng.uniform()),
         id=number,
+        cluster=int(rng.integers(number + 1)),
+        chain=at.chain,
+        s_m=at.s_m,
+        T_base_grasp=random_pose(rng),
+        opening_m=opening_m,
+        reach_m=reach_m,
+        clearance_m=clearance_m,
+        table_clearance_m=table_clearance_m,
+        score=float(rng.uniform()),
+        sigma_m=float(rng.uniform(0.0, 0.002)),
+        end_distance_m=float(rng.uniform(0.0, 0.4)),
+        over_distance_m=float(rng.uniform(0.0, 0.4)),
+        under_distance_m=None,
+        chains_above=(at.chain,),
+        object_above_m=float(rng.uniform(0.0, 0.06)),
         T_base_flange=GraspMotion(random_pose(rng), random_pose(rng), random_pose(rng)),
     )
 
