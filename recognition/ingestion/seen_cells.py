@@ -10,11 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.preprocessing.height_map import CELL_M, HeightLayer, merge_layers
+from recognition.preprocessing.height_map import HeightLayer, merge_layers
 from recognition.preprocessing.lines_of_sight import count_views
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import TargetCloud
 
+CELL_M = 0.004
+"""Edge length of a cell, metres: about the radius of a string."""
 MIN_BASELINE_M = 0.01
 """Minimum distance of two cameras that are two viewpoints, metres. From nearer positions, views hide the same parts,
 and their errors of the depth are similar."""
@@ -33,7 +35,8 @@ class SeenCells:
     cell_m: float
     """Edge length of the cells, metres."""
     viewpoints: NDArray[np.int64]
-    """(M, N) number of viewpoints that measured the cell. Views from nearly the same position count once."""
+    """(M, N) number of viewpoints that measured the cell, or what lies on it up to the height of a string. Views from
+    nearly the same position count once."""
     noise_m: NDArray[np.float64]
     """(M, N) standard deviation of the height of one pixel, metres, as the root mean square over the views that
     measured the cell; NaN where none did."""
@@ -52,22 +55,22 @@ def see_cells(
 
     Args:
         views: The V views, registered ones with their corrected poses.
-        layers: V layers of heights that the views measured.
+        layers: Heights that the views measured. The grid of the cells covers all of them.
         table_z_m: Height of the table, metres, base frame.
         r: Radius of the strings, metres.
     """
-    grid = merge_layers(layers, {layer.view: np.eye(4) for layer in layers})
-    shape = grid.z_m.shape
-    first = np.rint([grid.x_m / CELL_M, grid.y_m / CELL_M]).astype(np.int64)
-    xy = grid.cell_centres()
-    table = np.dstack([xy, np.full(shape, table_z_m)]).reshape(-1, 3)
+    (x0, x1), (y0, y1) = merge_layers(layers, {layer.view: np.eye(4) for layer in layers}).extent_m
+    x, y = np.meshgrid(np.arange(x0, x1, CELL_M) + CELL_M / 2, np.arange(y0, y1, CELL_M) + CELL_M / 2, indexing="ij")
+    shape = x.shape
+    table = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, table_z_m)])
 
     by_viewpoint = np.zeros((len(views), *shape), dtype=np.bool_)
     squares = np.zeros(shape)
     n_views = np.zeros(shape, dtype=np.int64)
     pixels_per_radius = np.zeros(shape)
-    for view, layer, viewpoint in zip(views, layers, viewpoint_numbers(views), strict=True):
-        is_measured = _in_grid(layer, first, shape)
+    for view, viewpoint in zip(views, viewpoint_numbers(views), strict=True):
+        counts = count_views(table, r, [view])
+        is_measured = (counts.through + counts.stopped > 0).reshape(shape)
         by_viewpoint[viewpoint] |= is_measured
         n_views += is_measured
         squares += is_measured * view.scatter.pixel_m**2
@@ -76,8 +79,8 @@ def see_cells(
     with np.errstate(invalid="ignore"):
         noise_m = np.sqrt(squares / n_views)
     return SeenCells(
-        x_m=grid.x_m,
-        y_m=grid.y_m,
+        x_m=x0,
+        y_m=y0,
         cell_m=CELL_M,
         viewpoints=by_viewpoint.sum(axis=0),
         noise_m=noise_m,
@@ -101,24 +104,12 @@ def viewpoint_numbers(views: Sequence[TargetCloud | NormalCloud]) -> list[int]:
     return numbers
 
 
-def _in_grid(layer: HeightLayer, first: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Return the mask of the cells of a grid from the cell `first` (2,) that a layer measured."""
-    is_measured = np.zeros(shape, dtype=np.bool_)
-    offset = np.array(layer.first) - first
-    begin = np.maximum(offset, 0)
-    end = np.minimum(offset + layer.z_m.shape, shape)
-    if (begin < end).all():
-        inside = layer.z_m[begin[0] - offset[0] : end[0] - offset[0], begin[1] - offset[1] : end[1] - offset[1]]
-        is_measured[begin[0] : end[0], begin[1] : end[1]] = np.isfinite(inside)
-    return is_measured
-
-
 def _pixels_per_metre(view: TargetCloud | NormalCloud, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the pixels (N,) that a metre across the line of sight covers at points (N, 3); 0 behind the camera."""
     assert view.image is not None
     assert view.T_base_camera is not None
     depth_m = (points - view.T_base_camera[:3, 3]) @ view.T_base_camera[:3, 2]
-    return np.where(depth_m > 0, view.image.K[0, 0] / np.maximum(depth_m, CELL_M), 0.0)
+    return np.where(depth_m > 0, view.image.K[0, 0] / np.maximum(depth_m, 1e-6), 0.0)
 
 
 def _free_above(

@@ -142,9 +142,9 @@ def test_the_graph_method_is_the_default_and_finds_the_loop_better(
     assert chain.views.max() == 3
     steps = np.linalg.norm(np.diff(chain.points, axis=0), axis=1)
     assert steps.max() < 1.5 * table_1.r_n
-    assert recognition.graph is not None
-    assert recognition.refinement is not None
-    assert recognition.reconstruction is None
+    assert recognition.stages.graph is not None
+    assert recognition.stages.refinement is not None
+    assert recognition.stages.reconstruction is None
 
 
 def test_the_graph_method_measures_the_crossing(scan: SimulatedScan, result: Callable[[Method], Recognition]) -> None:
@@ -191,7 +191,11 @@ def test_the_previous_method_gives_a_model_of_its_own(
 ) -> None:
     recognition = result("matching")
     assert recognition.model.method == "matching"
-    assert (recognition.thinned, recognition.enhanced, recognition.reconstruction) == (None, None, None)
+    assert (recognition.stages.thinned, recognition.stages.enhanced, recognition.stages.reconstruction) == (
+        None,
+        None,
+        None,
+    )
     points = np.vstack([chain.points for chain in recognition.model.chains])
     distance, _ = KDTree(np.array(scan.truth["curves"][0])).query(points)
     # It links points of the centre line cloud, which all lie near the string.
@@ -242,16 +246,16 @@ def test_the_same_input_gives_the_same_model(
 def test_the_results_of_the_stages_are_kept(scan: SimulatedScan, result: Callable[[Method], Recognition]) -> None:
     recognition = result("enhanced")
     assert [target.view for target in recognition.targets] == [0, 1, 2]
-    assert [cloud.view for cloud in recognition.clouds] == [0, 1, 2]
+    assert [cloud.view for cloud in recognition.surface.ingested.clouds] == [0, 1, 2]
     for kept in (
         recognition.registration,
-        recognition.centre_line,
-        recognition.thinned,
-        recognition.enhanced,
-        recognition.reconstruction,
+        recognition.stages.centre_line,
+        recognition.stages.thinned,
+        recognition.stages.enhanced,
+        recognition.stages.reconstruction,
     ):
         assert kept is not None
-    assert sum(map(len, recognition.segments)) > 30
+    assert sum(map(len, recognition.stages.segments)) > 30
     assert [(view.index, view.used) for view in recognition.model.quality.views] == [(0, True), (1, True), (2, True)]
     for target, view in zip(recognition.targets, scan.views, strict=True):
         assert target.n_measured == np.count_nonzero(view.depth)
