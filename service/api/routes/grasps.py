@@ -112,8 +112,8 @@ class _Inputs:
 
     same_calibration: bool | None
     """Whether its hand-eye calibration is active. None if that is not known."""
-    same_gripper: bool | None
-    """Whether its gripper is configured. None if that is not known."""
+    same_gripper: bool
+    """Whether its gripper is configured."""
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def _hand_eye(
     if choice.reach is False and choice.reachable is not None:
         raise _unfit("`reach` is false, and `reachable` needs the reach: leave one of them out")
     if choice.reach or choice.reachable is not None:
-        if inputs.same_gripper is False:
+        if not inputs.same_gripper:
             raise _unfit(
                 f"the grasps of scan {scan.id} are for another gripper than [gripper] of the configuration has now: "
                 "recognise the scan again, by its link `reprocess`"

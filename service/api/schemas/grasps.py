@@ -85,9 +85,8 @@ class GraspsDocument(ApiModel):
     same_calibration: bool | None
     """Whether the scan was made with the hand-eye calibration that is active now. Null if that is not known: the
     recording does not name its calibration, or no calibration is active."""
-    same_gripper: bool | None
-    """Whether the grasps are for the gripper that is configured now. Null if that is not known, because a
-    repair of the database lost the inputs of the scan."""
+    same_gripper: bool
+    """Whether the grasps are for the gripper that is configured now."""
     T_flange_tcp: Pose
     """Pose of the tool centre point on the flange: midway between the fingertips, x along the closing direction. It is
     that of the gripper for which the grasps are."""

@@ -25,15 +25,15 @@ class GraspList:
     """The grasps in the order of the model, first the best of each cluster, then all others."""
     same_calibration: bool | None
     """Whether the scan was made with the hand-eye calibration that is active now. None if that is not known."""
-    same_gripper: bool | None
-    """Whether the grasps are for the gripper that is configured now. None if that is not known."""
+    same_gripper: bool
+    """Whether the grasps are for the gripper that is configured now."""
 
     @property
     def no_reach_reason(self) -> str | None:
         """Why no reach was determined, and what to do. None if it was determined."""
         if self.q_home_rad is not None:
             return None
-        if self.same_gripper is False:
+        if not self.same_gripper:
             return "the gripper in the configuration has changed since; recognise the scan again"
         if self.same_calibration is False:
             return "the calibration has changed since; scan again"
