@@ -13,7 +13,6 @@ from recognition.centre_line import CentreLine, estimate_centre_line
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding
 from recognition.model.model import Method
-from recognition.parameters import ChainParameters
 from recognition.radii.thicker_strings import find_thicker_strings
 from recognition.refinement.refinement import Refinement
 from recognition.shirakawa.chains import assemble_chains
@@ -66,20 +65,20 @@ class FoundChains:
     """Result of each stage."""
 
 
-def find_chains(surface: Surface, method: Method, parameters: ChainParameters, begin: Begin) -> FoundChains:
+def find_chains(surface: Surface, method: Method, begin: Begin) -> FoundChains:
     """Find the chains of a scene and their crossings by one method.
 
     Args:
         surface: Registered surface of the scene.
         method: Name of the method.
-        parameters: Method parameters.
         begin: Called with the name of each stage when it begins.
 
     Raises:
         TooCrowdedError: The surface has too many fragments or segments for strings.
     """
     if method == "graph":
-        return _find_by_graph(surface, parameters, begin)
+        return _find_by_graph(surface, begin)
+    parameters = surface.parameters
     begin("centre_line")
     centre_line = estimate_centre_line(surface.points, surface.normals, parameters)
 
@@ -102,8 +101,9 @@ def find_chains(surface: Surface, method: Method, parameters: ChainParameters, b
     return FoundChains(assembly.chains, crossings, (), assembly.findings, stages)
 
 
-def _find_by_graph(surface: Surface, parameters: ChainParameters, begin: Begin) -> FoundChains:
+def _find_by_graph(surface: Surface, begin: Begin) -> FoundChains:
     """Find the chains by the method `graph`. See `find_chains`."""
+    parameters = surface.parameters
     first = find_strings(surface, parameters, begin=begin)
     strings = find_thicker_strings(surface, first, parameters)
 

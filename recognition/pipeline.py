@@ -87,34 +87,25 @@ def recognise(
     known = None if earlier is None else earlier.surface
     surface = observe(arriving, scene, parameters, begin=timer.begin, earlier=known)
     if surface.no_string_reason is not None:
-        findings = findings_without_string(surface, request, parameters)
+        findings = findings_without_string(surface, request)
         timer.end()
         quality = Quality.of(surface.ingested.excluded, findings)
         model = PointChainModel(request.method, parameters, quality=quality, timing_s=timer.timing_s)
         return in_base_frame(Recognition(model, surface))
 
-    found = find_chains(surface, request.method, parameters, timer.begin)
-    checked = check_chains(found.chains, surface, parameters)
-    findings = scene_findings(surface, found, checked, request, parameters)
+    found = find_chains(surface, request.method, timer.begin)
+    checked = check_chains(found.chains, found.crossings.crossings, surface)
+    findings = scene_findings(surface, found, checked, request)
 
     timer.begin("grasps")
-    grasping = plan_grasps(
-        checked.chains,
-        found.crossings.crossings,
-        checked.surface,
-        surface.support,
-        findings,
-        parameters,
-        request.gripper,
-        request.all_grasps,
-    )
+    grasping = plan_grasps(checked, surface, findings, request.gripper, request.all_grasps)
     timer.end()
 
     model = PointChainModel(
         method=request.method,
         parameters=parameters,
         chains=checked.chains,
-        crossings=found.crossings.crossings,
+        crossings=checked.crossings,
         quality=Quality.of(surface.views_quality, (*findings, *grasping.findings)),
         timing_s=timer.timing_s,
         grasps=grasping.grasps,

@@ -17,7 +17,6 @@ from recognition.assembly.view_findings import (
 from recognition.methods import FoundChains
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
-from recognition.parameters import ChainParameters
 from recognition.preprocessing.coverage import coverage_findings
 from recognition.radii.radius_measurement import other_radius_findings
 from recognition.request import RecognitionRequest
@@ -29,15 +28,15 @@ def scene_findings(
     found: FoundChains,
     checked: CheckedChains,
     request: RecognitionRequest,
-    parameters: ChainParameters,
 ) -> Sequence[Finding]:
     """Return the findings on a scene with a string in view, apart from those on its grasps."""
     chains = checked.chains
+    parameters = surface.parameters
     registration = surface.registration
     ingested = surface.ingested
     used = [view.index for view in registration.views if view.used]
     return (
-        *_radius_findings(surface, request, parameters, chains, found.findings),
+        *_radius_findings(surface, request, chains, found.findings),
         *found.crossings.findings,
         *found.connections,
         *sharp_bend_findings(chains),
@@ -56,14 +55,12 @@ def scene_findings(
     )
 
 
-def findings_without_string(
-    surface: Surface, request: RecognitionRequest, parameters: ChainParameters
-) -> Sequence[Finding]:
+def findings_without_string(surface: Surface, request: RecognitionRequest) -> Sequence[Finding]:
     """Return the findings on a scene without a string: the reason, another radius, the table and its coverage."""
     assert surface.no_string_reason is not None
     ingested = surface.ingested
     return (
-        *_radius_findings(surface, request, parameters, (), ()),
+        *_radius_findings(surface, request, (), ()),
         finding("no-string-in-view", surface.no_string_reason),
         *table_findings(ingested.measured.table, ()),
         *warp_findings(ingested.measured.warp),
@@ -75,11 +72,10 @@ def findings_without_string(
 def _radius_findings(
     surface: Surface,
     request: RecognitionRequest,
-    parameters: ChainParameters,
     chains: Sequence[Chain],
     findings: Sequence[Finding],
 ) -> Sequence[Finding]:
     """Return the finding that a given radius is probably wrong. A measured one was measured in the same views."""
     if request.radius_m is None:
         return ()
-    return other_radius_findings(surface.ingested.measured, parameters, chains, findings)
+    return other_radius_findings(surface.ingested.measured, surface.parameters, chains, findings)

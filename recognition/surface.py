@@ -50,6 +50,11 @@ class Surface:
         return self.ingested.scene
 
     @property
+    def parameters(self) -> ChainParameters:
+        """Method parameters with which the surface was observed."""
+        return self.ingested.parameters
+
+    @property
     def no_string_reason(self) -> str | None:
         """Why the scene has no string; None if a string is visible."""
         return self.ingested.no_string_reason
@@ -64,7 +69,7 @@ class Surface:
         """What the views saw of each cell of the table, whether or not it shows a string. Computed at the first use."""
         registered = {cloud.view: cloud for cloud in self.registration.clouds}
         views = [registered.get(target.view, target) for target in self.ingested.targets]
-        return see_cells(views, self.ingested.layers, self.scene.table_z_m, self.ingested.parameters.r)
+        return see_cells(views, self.ingested.layers, self.scene.table_z_m, self.parameters.r)
 
 
 def observe(

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from recognition.assembly.branches import mark_branches
 from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, mark_unseen_ends
 from recognition.assembly.unexplained import find_unexplained_surface
-from recognition.model.chains import Chain
+from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
-from recognition.parameters import ChainParameters
 from recognition.surface import Surface
 
 
@@ -21,6 +20,8 @@ class CheckedChains:
 
     chains: tuple[Chain, ...]
     """Chains in the order of their `id`."""
+    crossings: Sequence[Crossing]
+    """Crossings of the chains."""
     contacts: Sequence[Finding]
     """Findings on ends that may be joined to another end, or to the side of a strand."""
     surface: NDArray[np.float64]
@@ -29,18 +30,19 @@ class CheckedChains:
     """(M, 3) points of each piece of that surface that belongs to no chain, metres, the largest piece first."""
 
 
-def check_chains(chains: Sequence[Chain], surface: Surface, parameters: ChainParameters) -> CheckedChains:
+def check_chains(chains: Sequence[Chain], crossings: Sequence[Crossing], surface: Surface) -> CheckedChains:
     """Mark the ends at which the string may continue, or which may be joined to another strand.
 
     Args:
         chains: Chains as a method found them.
+        crossings: Their crossings.
         surface: Registered surface of the scene.
-        parameters: Method parameters.
     """
+    parameters = surface.parameters
     points = surface.support.remove_from(surface.points, chains, parameters)
     unexplained = find_unexplained_surface(points, chains, parameters)
     chains = mark_unobserved_ends(chains, unexplained, parameters)
     chains, touching = mark_touching_ends(chains, surface.views)
     chains, branches = mark_branches(chains, surface.views)
     chains = mark_unseen_ends(chains, surface.views, parameters)
-    return CheckedChains(chains, [*touching, *branches], points, unexplained)
+    return CheckedChains(chains, crossings, [*touching, *branches], points, unexplained)

@@ -3,21 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from recognition.assembly.checked_chains import CheckedChains
 from recognition.grasping.grasp_list import list_grasps
 from recognition.grasping.grasp_planner import find_grasps
 from recognition.grasping.gripper import Gripper
 from recognition.grasping.local_floor import LocalFloor, find_local_floor
 from recognition.grasping.obstacles import gather_obstacles
 from recognition.grasping.trusted_grasps import select_trusted_grasps
-from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
 from recognition.model.grasps import Grasp
-from recognition.parameters import ChainParameters
-from recognition.preprocessing.support_surface import SupportSurface
 from recognition.registration.fusion import VOXEL_RADII
+from recognition.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,30 +29,22 @@ class Grasping:
 
 
 def plan_grasps(
-    chains: Sequence[Chain],
-    crossings: Sequence[Crossing],
-    surface: NDArray[np.float64],
-    support: SupportSurface,
-    findings: Sequence[Finding],
-    parameters: ChainParameters,
-    gripper: Gripper,
-    keep_all: bool = False,
+    checked: CheckedChains, surface: Surface, findings: Sequence[Finding], gripper: Gripper, keep_all: bool = False
 ) -> Grasping:
     """Return the grasps on all chains where no doubt concerns the string between the fingers.
 
     Args:
-        chains: Chains of the model.
-        crossings: Crossings of the model.
-        surface: (N, 3) measured points of strings and other objects, metres, base frame. All are higher than z_t above
-            the table, and down-sampled to voxels of edge length r * `VOXEL_RADII`.
-        support: Table plane and height map.
+        checked: Chains and crossings of the model, and the measured points of strings and other objects.
+        surface: Registered surface of the scene; uses the table plane and the height map.
         findings: All findings of the model.
-        parameters: Method parameters.
         gripper: Gripper on the flange.
         keep_all: Whether the other grasps are kept, too. Their `trusted` is False.
     """
-    floor = find_local_floor(support, chains)
-    obstacles = gather_obstacles(chains, surface, VOXEL_RADII * parameters.r)
+    chains = checked.chains
+    crossings = checked.crossings
+    parameters = surface.parameters
+    floor = find_local_floor(surface.support, chains)
+    obstacles = gather_obstacles(chains, checked.surface, VOXEL_RADII * parameters.r)
     candidates = find_grasps(chains, crossings, obstacles, floor, parameters, gripper)
     selected = select_trusted_grasps(candidates, chains, crossings, findings, gripper, keep_all)
     return Grasping(list_grasps(selected.grasps, chains, crossings, obstacles, gripper), selected.findings, floor)
