@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from recognition.request import RecognitionRequest
 from service.batch.cluster_worker import VersionMismatchError, recognise_on_worker
 from service.batch.errors import INSTALL_EXTRA, BatchError
-from service.batch.recognise_file import RecordingLine, failed_line, hash_recording
+from service.batch.recognise_file import RecordingLine, failed_line, hash_recording, release
 from service.signals import defer_sigint
 
 if TYPE_CHECKING:
@@ -102,7 +102,9 @@ def _recognise_each(
     from distributed import CancelledError, KilledWorker, as_completed
 
     paths = [str(_absolute(file)) for file in files]
-    futures = client.map(recognise_on_worker, list(files), paths, request=request, pure=False)
+    futures = client.map(
+        recognise_on_worker, list(files), paths, request=request, expected_release=release(), pure=False
+    )
     file_of = {future.key: file for future, file in zip(futures, files, strict=True)}
     completed = as_completed(futures)
     del futures  # the cluster then forgets each result after it was taken

@@ -1,32 +1,32 @@
 """The task that a worker of the Dask cluster runs."""
 
 import signal
-from importlib.metadata import version
 from pathlib import Path
 
 from recognition.request import RecognitionRequest
-from service.batch.recognise_file import RecordingLine, recognise_file
+from service.batch.recognise_file import RecordingLine, recognise_file, release
 
 
 class VersionMismatchError(Exception):
     """A worker has another version, so its models must not be mixed with those of this run."""
 
 
-def recognise_on_worker(file: str, path: str, request: RecognitionRequest, release: str) -> RecordingLine:
+def recognise_on_worker(file: str, path: str, request: RecognitionRequest, expected_release: str) -> RecordingLine:
     """Recognise a recording.
 
     Args:
         file: Name of the recording, for the line.
         path: The file.
         request: How to recognise it.
-        release: Version of Pointchain that sends the request.
+        expected_release: Version of Pointchain that sends the request.
 
     Raises:
         VersionMismatchError: This worker has another version.
     """
-    own = version("pointchain")
-    if own != release:
-        raise VersionMismatchError(f"a worker has pointchain {own}, this is {release}; install the same there")
+    if release() != expected_release:
+        raise VersionMismatchError(
+            f"a worker has pointchain {release()}, this is {expected_release}; install the same there"
+        )
     return recognise_file(file, request, path=Path(path))
 
 

@@ -32,9 +32,14 @@ class RecordingLine:
     """Messages about the verdict, the doubts, the views that the model does not use, and what the recording lacks."""
 
 
+def release() -> str:
+    """Return the version of Pointchain in this process."""
+    return version("pointchain")
+
+
 def request_document(request: RecognitionRequest) -> dict[str, Any]:
     """Return the member `request` of a line: the request, and the version of Pointchain that recognises."""
-    return request.to_json() | {"version": version("pointchain")}
+    return request.to_json() | {"version": release()}
 
 
 def recognise_file(

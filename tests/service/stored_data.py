@@ -9,6 +9,7 @@ from pathlib import Path
 
 from calibration.atomic_write import write_synced
 from cell.recording import RecordingWriter, read_recording
+from recognition.request import RecognitionRequest
 from service.integrity.check import CheckTarget, check_store
 from service.integrity.repair import repair
 from service.jobs.submission import NOBODY, new_calibration, new_scan
@@ -85,7 +86,7 @@ def make_data(root: Path, recording_file: Path) -> Data:
             written = writer.written(view.index)
             values = (written.offset_bytes, written.size_bytes, written.sha256)
             views.append(ViewRow(LIVE, view.index, "recorded", None, "2026-01-01T00:00:00Z", *values))
-    live = dataclasses.replace(new_scan("live", "graph", None, NOBODY), id=LIVE, state="failed")
+    live = dataclasses.replace(new_scan("live", RecognitionRequest(), NOBODY), id=LIVE, state="failed")
     store.scans.add(live)
     with store.database.transaction() as db:
         for view in views:
@@ -93,7 +94,9 @@ def make_data(root: Path, recording_file: Path) -> Data:
     store.add_scan_recording(describe_recording(LIVE, folder.recording(LIVE)))
     shutil.copy(recording_file, received := folder.incoming("upload"))
     store.add_recording(describe_recording(UPLOAD, received), received)
-    add_result(store, dataclasses.replace(new_scan("replay", "graph", None, NOBODY, recording=UPLOAD), id=REPLAY))
+    add_result(
+        store, dataclasses.replace(new_scan("replay", RecognitionRequest(), NOBODY, recording=UPLOAD), id=REPLAY)
+    )
     run = dataclasses.replace(new_calibration("calibration", None, 3), id="run-1", state="succeeded")
     CalibrationStore(store.database).add(run)
     (root / "calibration" / "runs" / "run-1").mkdir(parents=True)

@@ -12,6 +12,7 @@ import httpx2
 import pytest
 
 from cell.control.status import CellStatus
+from recognition.request import RecognitionRequest
 from service.api import server_sent_events
 from service.api.dependencies import Context
 from service.errors import Failure, ServiceError
@@ -53,7 +54,7 @@ def service(quick: ServedClient) -> Iterator[Context]:
 @pytest.fixture
 def scan(service: Context) -> str:
     """Add a scan that only the test changes."""
-    scan = new_scan("live", "graph", None, NOBODY)
+    scan = new_scan("live", RecognitionRequest(), NOBODY)
     service.store.scans.add(scan)
     return scan.id
 

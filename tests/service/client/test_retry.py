@@ -19,6 +19,7 @@ from pointchain_client import (
     retry,
 )
 from pointchain_client.documents.decoding import decode
+from recognition.request import RecognitionRequest
 from service.api.schemas.scan_resource import scan_resource
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
@@ -34,7 +35,7 @@ from tests.service.client.answers import (
     proxy_answer,
 )
 
-ROW = new_scan("replay", "graph", None, NOBODY)
+ROW = new_scan("replay", RecognitionRequest(), NOBODY)
 ACCEPTED = scan_resource(ROW, []).model_dump(mode="json")
 SCAN = decode(Scan, ACCEPTED)
 PENDING = problem_answer(409, "idempotency-pending", **{"Retry-After": "0"})

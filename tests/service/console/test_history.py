@@ -12,6 +12,7 @@ import httpx2
 import pytest
 from playwright.sync_api import expect
 
+from recognition.request import RecognitionRequest
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
 from service.problems.document import problem_document
@@ -37,7 +38,7 @@ def data(serve: Serve, recording_file: Any, finished: Finished, tmp_path_factory
         assert scan["state"] == "succeeded"
         assert client.get(scan["links"]["preview"]).status_code == 200  # wait until it is drawn
         failure = Failure("robot-lost", "the robot was lost on its way")
-        failed = replace(new_scan("live", "graph", None, NOBODY), state="failed", failure=failure)
+        failed = replace(new_scan("live", RecognitionRequest(), NOBODY), state="failed", failure=failure)
         client.app.state.context.store.scans.add(failed)
     return folder
 
@@ -128,7 +129,7 @@ def test_older_scans_are_shown_on_request_and_stay_after_a_new_scan(
 ) -> None:
     store = past.app.state.context.store
     for _ in range(25):
-        store.scans.add(replace(new_scan("live", "graph", None, NOBODY), state="aborted"))
+        store.scans.add(replace(new_scan("live", RecognitionRequest(), NOBODY), state="aborted"))
     before = len(past.get("/api/scans").json()["scans"])
     page = open_console(past, "#/history").page
     rows = page.get_by_role("list", name="Scans, the newest first").locator("> li")
@@ -145,7 +146,7 @@ def test_a_scan_in_the_address_is_shown_even_if_too_old_for_the_list(past: Serve
     store = past.app.state.context.store
     (old,) = store.scans.newest(1)
     for _ in range(21):
-        later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
+        later = replace(new_scan("live", RecognitionRequest(), NOBODY), state="scanning")
         store.scans.add(later)
         store.scans.end(later.id, "aborted", Failure("stopped", "the arm was stopped"))
     page = open_console(past, f"#/history/{old.id}").page
@@ -175,7 +176,7 @@ def test_a_doubtful_result_is_never_shown_as_good(open_console: Open, serve: Ser
         for state, verdict, strings, doubts, _, _ in OUTCOMES:
             listed = {"doubts": findings[:doubts], "doubt_count": doubts}
             summary = counts | {"chains": strings, "verdict": verdict} | listed
-            scan = replace(new_scan("live", "graph", None, NOBODY), state=state, summary=summary)
+            scan = replace(new_scan("live", RecognitionRequest(), NOBODY), state=state, summary=summary)
             client.app.state.context.store.scans.add(scan)
         opened = open_console(client, "#/history")
         opened.allow_errors("404|500")  # the scans have no thumbnails

@@ -13,6 +13,7 @@ from PIL import Image
 from playwright.sync_api import Locator, Page, Route, expect
 
 from recognition.grasping.candidates import MAX_RELEVANT_DISTANCE_M
+from recognition.request import RecognitionRequest
 from service.errors import Failure
 from service.jobs.submission import NOBODY, new_scan
 from tests.service.conftest import Serve, ServedClient, wait_until
@@ -357,7 +358,7 @@ def test_the_newest_result_is_shown_when_later_scans_have_none(
         request = {"mode": "replay", "recording": sent}
         done = finished(client, client.post("/api/scans", json=request).headers["Location"])
         store = client.app.state.context.store
-        later = replace(new_scan("live", "graph", None, NOBODY), state="scanning")
+        later = replace(new_scan("live", RecognitionRequest(), NOBODY), state="scanning")
         store.scans.add(later)
         store.scans.end(later.id, "failed", Failure("robot-lost", "the robot was lost"))
         page = open_console(client, "#/result").page

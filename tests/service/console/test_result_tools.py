@@ -18,6 +18,7 @@ from playwright.sync_api import Locator, Page, Route, expect
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import StringScene, make_scene
+from recognition.request import RecognitionRequest
 from service.api.response_cache import MAX_AGE_S
 from service.interchange.point_files import to_csv
 from service.jobs.submission import NOBODY, new_scan
@@ -316,7 +317,7 @@ def test_the_changes_since_an_earlier_scan_are_listed_and_drawn(
     with serve(tmp_path / "data") as client:
         before = scanned(client, two, tmp_path / "before.mcap", finished)
         store = client.app.state.context.store
-        live = replace(new_scan("live", "graph", None, NOBODY), state="succeeded", summary=before["summary"])
+        live = replace(new_scan("live", RecognitionRequest(), NOBODY), state="succeeded", summary=before["summary"])
         store.scans.add(live)
         now = scanned(client, replace(two, curves=(moved,), radii_m=()), tmp_path / "now.mcap", finished)
         since = client.get(now["links"]["model"], params={"since": before["id"]}).json()["since"]

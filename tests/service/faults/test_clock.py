@@ -15,6 +15,7 @@ import pytest
 
 from calibration.storage.hand_eye_file import write_hand_eye
 from cell.simulation.pose_errors import T_FLANGE_CAMERA
+from recognition.request import RecognitionRequest
 from service.clock import ClockStepDetector
 from service.config.sections import RetentionConfig
 from service.jobs.submission import NOBODY, new_scan
@@ -76,6 +77,7 @@ def test_ids_rise_in_order_of_creation(clock: Clock, days: int) -> None:
 
 NEW_ID = """
 import datetime, pathlib, sys
+from recognition.request import RecognitionRequest
 from service.storage.data_folder import DataFolder
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.store import Store
@@ -83,7 +85,7 @@ from service import clock as wall_clock
 off = datetime.timedelta(days=float(sys.argv[2]))
 wall_clock.utc_now = lambda real=wall_clock.utc_now: real() + off
 store = Store(DataFolder(pathlib.Path(sys.argv[1])))
-store.scans.add(new_scan("replay", "graph", None, NOBODY))
+store.scans.add(new_scan("replay", RecognitionRequest(), NOBODY))
 """
 
 
@@ -92,7 +94,7 @@ def test_a_later_service_continues_after_the_last_id(clock: Clock, tmp_path: Pat
     subprocess.run([sys.executable, "-c", NEW_ID, str(tmp_path), "1"], check=True)
     clock.offset = -DAY
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        store.scans.add(scan := new_scan("replay", "graph", None, NOBODY))
+        store.scans.add(scan := new_scan("replay", RecognitionRequest(), NOBODY))
         with store.database.connection() as db:
             in_order = [row["id"] for row in db.execute("SELECT id FROM scans ORDER BY rowid")]
         assert len(in_order) == 2
@@ -105,7 +107,7 @@ def test_foreign_ids_are_not_read_as_times(tmp_path: Path) -> None:
     with closing(DataFolder(tmp_path)) as folder:
         with closing(Store(folder)) as store, store.database.transaction() as db:
             for name in ("upload-1", "99999999t999999-999999-ffffffff", "zz"):
-                insert(db, "scans", replace(new_scan("replay", "graph", None, NOBODY), id=name))
+                insert(db, "scans", replace(new_scan("replay", RecognitionRequest(), NOBODY), id=name))
         before = new_id()
         with closing(Store(folder)):
             assert before < new_id() < "21"
@@ -142,7 +144,7 @@ def test_a_clock_step_removes_nothing(clock: Clock, tmp_path: Path, monkeypatch:
     monkeypatch.setattr("service.storage.retention.INTERVAL_S", 0.02)
     monkeypatch.setattr("service.storage.retention.STEADY_S", 0.3)
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        store.scans.add(new_scan("replay", "graph", None, NOBODY))
+        store.scans.add(new_scan("replay", RecognitionRequest(), NOBODY))
         (scan,) = store.scans.newest(1)
         store.scans.update(scan.id, state="failed", ended_at="2026-01-01T00:00:00.000Z")
         ended = datetime(2026, 1, 1, tzinfo=UTC)

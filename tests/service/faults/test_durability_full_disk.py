@@ -11,6 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.cli.commands.serve import serve as serve_on_socket
 from service.config.loader import ServiceConfig
 from service.integrity.check import check_store
@@ -308,7 +309,7 @@ def test_a_service_starts_on_a_full_disk_and_writes_when_there_is_space(
         with serve(data, limits=UNLIMITED) as client:
             _, scan = Replays(client, content, FullDisk()).run()
             assert scan is not None
-            running = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+            running = replace(new_scan("live", RecognitionRequest(), NOBODY), id=new_id(), state="scanning")
             client.app.state.context.store.scans.add(running)  # as if the service had been killed during this scan
         filler = fill(data, leave_bytes=0)
         with serve(data, limits=UNLIMITED) as client:

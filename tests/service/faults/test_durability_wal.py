@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from calibration.atomic_write import write_synced
+from recognition.request import RecognitionRequest
 from service.integrity.check import check_store
 from service.integrity.repair import repair
 from service.jobs.submission import Requester, new_scan
@@ -76,7 +77,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, recording_file: Path) -> I
     record_commit()
     for number in range(SCANS):
         requester = Requester("ann", Key("ann", f"key {number}", "hash"))
-        row = new_scan("replay", "graph", None, requester)
+        row = new_scan("replay", RecognitionRequest(), requester)
         shutil.copy(recording_file, received := folder.incoming("received"))
         recording = describe_recording(row.id, received)
         commit(lambda received=received, recording=recording: store.add_recording(recording, received))
@@ -158,6 +159,6 @@ def test_repair_and_the_store_continue_after_a_cut(
         assert repair(check_target_of(root), lambda _: None).findings == ()
         with closing(DataFolder(root)) as folder, closing(Store(folder)) as opened:
             before = [row.id for row in opened.scans.newest(100)]
-            scan = new_scan("replay", "graph", None, Requester())
+            scan = new_scan("replay", RecognitionRequest(), Requester())
             opened.scans.add(scan)
             assert [row.id for row in opened.scans.newest(100)] == [scan.id, *before]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.cli.main import main
 from service.integrity.check import CheckReport, check_store
 from service.integrity.finding import GROUPS
@@ -280,7 +281,7 @@ def test_a_calibration_without_its_file_becomes_failed(data: Data) -> None:
 def test_a_running_service_allows_a_check_but_no_repair(data: Data) -> None:
     folder = DataFolder(data.root)
     store = Store(folder)
-    active_scan = new_scan("live", "graph", None, NOBODY)
+    active_scan = new_scan("live", RecognitionRequest(), NOBODY)
     store.scans.add(active_scan)
     folder.recording(active_scan.id).write_bytes(b"being written")
     (folder.root / "incoming" / "upload").write_bytes(b"coming in")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.integrity.database_check import TABLES
 from service.integrity.database_recovery import recover_database
 from service.integrity.repair import repair
@@ -39,7 +40,7 @@ def test_a_damaged_database_is_kept_and_its_readable_rows_are_recovered(data: Da
     store = Store(folder)
     for _ in range(300):
         store.scans.add(
-            dataclasses.replace(new_scan("replay", "graph", None, NOBODY, recording=UPLOAD), state="failed")
+            dataclasses.replace(new_scan("replay", RecognitionRequest(), NOBODY, recording=UPLOAD), state="failed")
         )
     store.close()
     folder.close()
@@ -62,7 +63,7 @@ def test_all_rows_outside_the_unreadable_parts_are_recovered(data: Data, monkeyp
     monkeypatch.setattr("service.integrity.database_recovery.MAX_GAP_ROWS", 1000)
     folder = DataFolder(data.root)
     store = Store(folder)
-    scans = [new_scan("replay", "graph", None, NOBODY) for _ in range(300)]
+    scans = [new_scan("replay", RecognitionRequest(), NOBODY) for _ in range(300)]
     for scan in scans:
         store.scans.add(dataclasses.replace(scan, state="failed"))
     store.close()
@@ -70,7 +71,7 @@ def test_all_rows_outside_the_unreadable_parts_are_recovered(data: Data, monkeyp
     database = data.root / "pointchain.sqlite3"
     content = database.read_bytes()
     pages = [content[start : start + 4096] for start in range(0, len(content), 4096)]
-    leaves = [number for number, page in enumerate(pages) if b"replaygraph" in page]
+    leaves = [number for number, page in enumerate(pages) if b'replay{"method"' in page]
     damaged = {leaves[index] for index in (0, len(leaves) // 3, len(leaves) // 2, -1)}
     database.write_bytes(b"".join(bytes(4096) if n in damaged else page for n, page in enumerate(pages)))
     lost = b"".join(pages[number] for number in damaged)
@@ -147,7 +148,7 @@ def test_a_truncated_log_keeps_the_first_transactions(data: Data, tmp_path: Path
     store = Store(folder)
     for number in range(30):
         store.scans.add(
-            dataclasses.replace(new_scan("replay", "graph", None, NOBODY), id=f"s{number:02}", state="failed")
+            dataclasses.replace(new_scan("replay", RecognitionRequest(), NOBODY), id=f"s{number:02}", state="failed")
         )
     wal = (data.root / "pointchain.sqlite3-wal").read_bytes()
     before = (data.root / "pointchain.sqlite3").read_bytes()

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.schemas.calibration_resources import run_resource
 from service.api.schemas.scan_resource import scan_resources
 from service.integrity.check import check_store
@@ -54,7 +55,7 @@ def assert_lists_are_readable(data: Data) -> None:
     ],
 )
 def test_an_unreadable_scan_keeps_its_result(data: Data, column: str, value: object, repaired: object) -> None:
-    names = [name for name in vars(new_scan("replay", "graph", None, NOBODY)) if name != column]
+    names = [name for name in vars(new_scan("replay", RecognitionRequest(), NOBODY)) if name != column]
     others = f"SELECT {', '.join(names)} FROM scans WHERE id = ?"
     before = data.row(others, REPLAY)
     data.change(f"UPDATE scans SET {column} = ? WHERE id = ?", value, REPLAY)

@@ -6,6 +6,7 @@ import pytest
 
 from calibration.target.board import Board
 from cell.errors import CameraUnreachableError
+from recognition.request import RecognitionRequest
 from service.errors import JobKind, JobReference, ServiceError
 from service.jobs.cell_lock import CellLock
 from service.jobs.job import Job
@@ -13,7 +14,7 @@ from service.jobs.submission import NOBODY, new_calibration, new_scan
 
 
 def scan() -> Job:
-    return Job(new_scan("replay", "graph", None, NOBODY, recording="r1"), None)
+    return Job(new_scan("replay", RecognitionRequest(), NOBODY, recording="r1"), None)
 
 
 def calibration() -> Job:

@@ -13,6 +13,7 @@ import httpx2
 import pytest
 
 from cell.simulation.ur_controller.admin_client import AdminClient
+from recognition.request import RecognitionRequest
 from service.api.dependencies import Context
 from service.jobs.submission import NOBODY, new_scan
 from service.server import uvicorn_server
@@ -138,7 +139,7 @@ def test_a_shutdown_waits_neither_for_a_stalled_client_nor_for_the_database(
     with ExitStack() as open_ones:
         client = open_ones.enter_context(serve(tmp_path))
         context: Context = client.app.state.context
-        scan = new_scan("live", "graph", None, NOBODY)
+        scan = new_scan("live", RecognitionRequest(), NOBODY)
         context.store.scans.add(scan)
         host, port = client.base_url.host, client.base_url.port or 80
         silent = socket.create_connection((host, port))

@@ -16,6 +16,7 @@ import pytest
 from anyio import to_thread
 
 from calibration.atomic_write import write_synced
+from recognition.request import RecognitionRequest
 from service.api.schemas.scan_resource import scan_resource
 from service.api.server_sent_events import change_event, scan_stream
 from service.errors import Failure
@@ -37,7 +38,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 
 def add_scan(store: Store) -> str:
-    scan = new_scan("live", "graph", None, NOBODY)
+    scan = new_scan("live", RecognitionRequest(), NOBODY)
     store.scans.add(scan)
     return scan.id
 

@@ -11,6 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScanRequest, ReprocessRequest
 from service.errors import ServiceError
@@ -142,7 +143,7 @@ def test_each_caller_has_its_own_keys(store: Store) -> None:
         with keys.first_use(key, 7.0) as used:
             assert used == 7.0
             requester = Requester(caller, key)
-            scan = new_scan("live", "graph", None, requester)
+            scan = new_scan("live", RecognitionRequest(), requester)
             store.scans.add(scan, requester.key_row(scan))
         with keys.first_use(key, 8.0) as used:
             assert isinstance(used, ScanRow)
@@ -163,7 +164,7 @@ def test_a_request_whose_key_is_pending_is_refused(store: Store) -> None:
         second(Key("bob", "k", "hash"))
     second(key)  # the first request started no scan
     assert store.key("ann", "k") is None
-    assert new_scan("live", "graph", None, NOBODY).requested_by is None
+    assert new_scan("live", RecognitionRequest(), NOBODY).requested_by is None
 
 
 def test_a_repeated_request_keeps_the_time_of_its_first_arrival(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

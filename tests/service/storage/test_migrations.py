@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
 from service.storage.database import Database, StoreVersionError
@@ -37,7 +38,7 @@ def add_step(monkeypatch: pytest.MonkeyPatch, step: str) -> None:
 def path(tmp_path: Path) -> Path:
     """Return the file of a database of the present version with one scan."""
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
-        store.scans.add(new_scan("replay", "graph", None, NOBODY))
+        store.scans.add(new_scan("replay", RecognitionRequest(), NOBODY))
         return folder.database
 
 

@@ -13,6 +13,7 @@ import httpx2
 import pytest
 
 from calibration.atomic_write import write_synced
+from recognition.request import RecognitionRequest
 from service.clock import format_utc
 from service.config.sections import RetentionConfig
 from service.jobs.submission import Requester, new_scan
@@ -53,7 +54,7 @@ def add_scan(store: Store, name: str, days: float, **values: Any) -> None:
     """Add a scan that ended `days` before NOW, with 1 KiB of results, an event, a view and an idempotency key."""
     values = {"state": "succeeded", "ended_at": days_ago(days), "created_at": days_ago(days)} | values
     requester = Requester("ann", Key("ann", f"key of {name}", "hash"))
-    row = replace(new_scan("replay", "graph", None, requester), id=name, **values)
+    row = replace(new_scan("replay", RecognitionRequest(), requester), id=name, **values)
     store.scans.add(row, requester.key_row(row))
     store.scans.set_view(name, 0, "recorded")
     store.folder.results(name).mkdir()

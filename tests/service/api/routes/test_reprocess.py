@@ -11,6 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.idempotency_header import body_hash
 from service.api.schemas.scans import LiveScanRequest
 from service.jobs.submission import Requester, new_scan
@@ -105,7 +106,10 @@ def killed_service(serve: Serve, recording_file: Path, tmp_path: Path) -> Iterat
     """Start a service after a kill during a live scan, and before the first view of another."""
     with closing(DataFolder(tmp_path)) as folder, closing(Store(folder)) as store:
         requester = Requester(None, Key("local", "of yesterday", body_hash("/api/scans", LiveScanRequest(mode="live"))))
-        scans = [replace(new_scan("live", "graph", 0.0042, requester), state="scanning") for _ in range(2)]
+        scans = [
+            replace(new_scan("live", RecognitionRequest(radius_m=0.0042), requester), state="scanning")
+            for _ in range(2)
+        ]
         store.scans.add(scans[0], requester.key_row(scans[0]))
         store.scans.add(scans[1])
         for index, state in enumerate(("recorded", "recorded", "moving")):

@@ -10,6 +10,7 @@ from typing import Any
 import httpx2
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.clock import format_utc
 from service.jobs.submission import NOBODY, new_scan
 from service.storage.data_folder import DataFolder
@@ -29,7 +30,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 def scan(name: str, **values: Any) -> ScanRow:
     values = {"state": "succeeded", "created_at": "2026-01-02T03:04:05.678Z"} | values
-    return replace(new_scan("live", "graph", None, NOBODY), id=name, **values)
+    return replace(new_scan("live", RecognitionRequest(), NOBODY), id=name, **values)
 
 
 NOON = datetime(2026, 1, 31, 12, tzinfo=UTC)
@@ -77,7 +78,9 @@ def recording(client: ServedClient, recording_file: Path) -> str:
 def three_scans(client: ServedClient, recording: str) -> list[str]:
     """Return the ids of three scans of the recording, the newest first."""
     store: Store = client.app.state.context.store
-    rows = [replace(new_scan("replay", "graph", None, NOBODY, recording=recording), state="failed") for _ in range(3)]
+    rows = [
+        replace(new_scan("replay", RecognitionRequest(), NOBODY, recording=recording), state="failed") for _ in range(3)
+    ]
     for row in rows:
         store.scans.add(row)
     return [row.id for row in reversed(rows)]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cell.recording import RecordingWriter, read_recording
+from recognition.request import RecognitionRequest
 from service.api.images.view_points import MAX_POINTS, MIN_HEIGHT_M, view_points
 from service.api.response_cache import MAX_AGE_S
 from service.errors import Failure
@@ -27,7 +28,7 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 def live(client: ServedClient) -> Iterator[tuple[str, Path]]:
     """Yield the id of a live scan that the store has as running, and the path of its recording."""
     store: Store = client.app.state.context.store
-    row = replace(new_scan("live", "graph", None, NOBODY), id=new_id(), state="scanning")
+    row = replace(new_scan("live", RecognitionRequest(), NOBODY), id=new_id(), state="scanning")
     store.scans.add(row)
     path = store.folder.recording(row.id)
     yield row.id, path
@@ -78,7 +79,7 @@ def test_an_unknown_view_is_not_found(
 
 def test_a_scan_without_a_recording_has_no_views(client: ServedClient, assert_problem: AssertProblem) -> None:
     store: Store = client.app.state.context.store
-    row = replace(new_scan("replay", "graph", None, NOBODY), id=new_id(), state="scanning")
+    row = replace(new_scan("replay", RecognitionRequest(), NOBODY), id=new_id(), state="scanning")
     store.scans.add(row)
     store.scans.end(row.id, "failed", Failure("internal", ""))
     for path in ("views", "views/0.png"):

@@ -5,6 +5,7 @@ from datetime import timedelta
 
 import pytest
 
+from recognition.request import RecognitionRequest
 from service.api.schemas.scan_resource import scan_resource
 from service.clock import format_utc, utc_now
 from service.jobs.submission import NOBODY, new_scan
@@ -16,7 +17,7 @@ EXPECTED = {"expected_to_model": 9.0, "expected_to_views": [2.0, 4.0, 6.0, 8.0]}
 def remaining_s(elapsed_s: float, view_s: float, views: int) -> float:
     """Return the remaining time of a scan of four views that began `elapsed_s` ago; `view_s` is the time of a view."""
     started = format_utc(utc_now() - timedelta(seconds=elapsed_s))
-    scan = new_scan("live", "graph", None, NOBODY)
+    scan = new_scan("live", RecognitionRequest(), NOBODY)
     row = replace(scan, state="scanning", started_at=started, timing=EXPECTED)
     rows = [
         ViewRow("x", k, "recorded", None, started, move_s=view_s - 0.5, settle_s=0.2, exposure_s=0.3)
