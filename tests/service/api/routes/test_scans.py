@@ -4,7 +4,7 @@ import json
 import math
 import os
 import signal
-import time
+import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -20,7 +20,8 @@ from cell.devices import View
 from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from recognition.model.document import ModelDocument
 from service.api.schemas.grasps import GraspsDocument
-from tests.service.conftest import ServedClient, wait_until
+from service.processing.worker import RecognitionWorker
+from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
 
 AssertProblem = Callable[[httpx2.Response, int, str], str]
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
@@ -324,13 +325,18 @@ def test_a_scan_can_be_cancelled_and_the_next_one_succeeds(
 
 @pytest.mark.problem("recognition-crashed")
 def test_a_crash_of_recognition_fails_only_its_scan(
-    client: httpx2.Client, recording: str, finished: Finished, held: int
+    client: httpx2.Client, recording: str, finished: Finished, held: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    was_sent = threading.Event()
+    receive = RecognitionWorker._receive
+
+    def receive_after_task(worker: RecognitionWorker, deadline: float) -> object:
+        was_sent.set()
+        return receive(worker, deadline)
+
+    monkeypatch.setattr(RecognitionWorker, "_receive", receive_after_task)
     address = start(client, recording)
-    while client.get(address).json()["state"] != "processing":
-        time.sleep(0.01)
-    # the frozen process gets the task shortly after the state is written
-    time.sleep(0.3)
+    assert was_sent.wait(PATIENCE_S)
     os.kill(held, signal.SIGKILL)
     scan = finished(client, address)
     assert scan["state"] == "failed"
