@@ -19,7 +19,8 @@ def test_ur_rtde_connects_and_reads_the_state(controller: RunningController):
         controller.host,
         CONNECT
         + """
-first = receive.getTimestamp(); time.sleep(0.1)
+first = receive.getTimestamp()
+while receive.getTimestamp() - first <= 0.05: time.sleep(0.002)
 answer(q=receive.getActualQ(), pose=receive.getActualTCPPose(), robot=receive.getRobotMode(),
        safety=receive.getSafetyMode(), bits=receive.getSafetyStatusBits(), status=receive.getRobotStatus(),
        running=control.isProgramRunning(), runtime=receive.getRuntimeState(), passed=receive.getTimestamp() - first,
@@ -57,7 +58,7 @@ def test_the_kinematics_and_limits_are_answered(controller: RunningController):
         + """
 assert control.setTcp(arguments["tool"])
 assert control.setPayload(1.5, [0.0, 0.01, 0.05])
-time.sleep(0.05)
+while receive.getPayload() != 1.5: time.sleep(0.002)
 pose = control.getForwardKinematics(arguments["q"], arguments["tool"])
 far = [3.0, 0.0, 0.5, 0.0, 0.0, 0.0]
 below = list(pose); below[2] = -0.2
@@ -159,7 +160,7 @@ rtde.configure(host)
 rtde.write_speed_slider_fraction(0.25)
 rtde.write_input_int_register(42, 17); rtde.write_input_double_register(43, -2.5)
 rtde.write_tool_digital_output(1, True)
-time.sleep(0.2)
+while rtde.read_speed_slider_percent() > 26.0 or rtde.read_runtime_state() != 1: time.sleep(0.002)
 answer(q=rtde.read_actual_joint_positions(), pose=rtde.read_actual_tcp_pose(), mode=rtde.read_robot_mode(),
        safety=rtde.read_safety_mode(), stopped=rtde.is_protective_stopped(), runtime=rtde.read_runtime_state(),
        slider=rtde.read_speed_slider_percent(), connected=rtde.is_connected(),

@@ -153,7 +153,7 @@ def test_lines_and_paths_reach_their_goals(fast_controller: RunningController):
         + """
 pose = receive.getActualTCPPose(); pose[2] -= 0.1; pose[0] += 0.05
 moved = control.moveL(pose, 0.25, 1.2)
-time.sleep(0.05)
+while abs(receive.getActualTCPPose()[2] - pose[2]) > 1e-6: time.sleep(0.002)
 there = receive.getActualTCPPose()
 path = [[*arguments["q"], 1.0, 1.4, 0.0], [*arguments["home"], 1.0, 1.4, 0.0]]
 answer(moved=moved, wanted=pose, there=there, path=control.moveJ(path), unreachable=control.moveL([3, 0, 0, 0, 0, 0]))
