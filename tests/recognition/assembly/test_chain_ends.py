@@ -203,6 +203,8 @@ def test_a_string_fragmented_by_a_radius_too_small_has_a_doubt(scene: str, seed:
     scan = simulate(make_scene(scene, seed), camera_model("oak-d-pro"), seed)
     known = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, RecognitionRequest(radius_m=0.003), known).model
-    # The radius is 29 % too small: a model without this doubt must be the true one.
+    # The radius is 29 % too small: a model without a doubt about the ends of the pieces must be the true one. Where the
+    # string breaks depends on the processor. A piece ends at another piece, or at the side of a strand.
     whole = len(model.chains) == 1 and len(model.crossings) == len(scan.truth["crossings"])
-    assert whole or any(found.code == "ends-touching" for found in model.quality.doubts)
+    codes = {found.code for found in model.quality.doubts}
+    assert whole or codes & {"ends-touching", "possible-branch"}
