@@ -149,7 +149,8 @@ def test_ends_that_fit_either_of_two_are_ambiguous(straight: Callable, seen: Cal
     assert np.linalg.norm(pair.points.mean(axis=0) - (0, 0, R)) < 2 * R
     # One of its ends is that of the strand that goes in; the other ends are 30 mm away.
     assert np.linalg.norm(pair.points - incoming[-1], axis=1).min() < 0.3 * R
-    assert 0 <= pair.margin < MIN_CERTAIN_MARGIN
+    # Both strands fit equally well, so the margin is zero, except for roundings in sums of gains.
+    assert -1e-9 < pair.margin < MIN_CERTAIN_MARGIN
 
 
 def test_closed_fragments_have_no_ends(arc: Callable) -> None:

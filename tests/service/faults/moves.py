@@ -72,9 +72,12 @@ def time_to_rest_s(cell: LiveCell, since: int, from_s: float) -> float:
 
 
 def assert_followed_plan(cell: LiveCell, since: int, whole: bool = False) -> None:
-    """Assert that the arm followed the last plan from its start, each segment once; to its end if `whole`."""
+    """Assert that the arm followed the last plan from its start, each segment once; to its end if `whole`.
+
+    A scan that was cancelled before it had a plan has moved nothing.
+    """
     plan = cell.client.app.state.context.cell.status.plan
-    planned = [q_rad for leg in plan.legs for q_rad in leg.waypoints_rad]
+    planned = [] if plan is None else [q_rad for leg in plan.legs for q_rad in leg.waypoints_rad]
     events = cell.controller.log(since)
     visited = [event["details"]["q_to_rad"] for event in kinds(events, "motion_start")]
     assert len(motion_commands(events)) == len(visited), "the arm did not make every move that was sent"

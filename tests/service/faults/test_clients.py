@@ -63,7 +63,9 @@ def test_one_of_many_simultaneous_live_scans_is_accepted(
                 assert finished(cell.client, location)["state"] == "succeeded"
                 wait_until(lambda: cell.state()["state"] == "ready")
             else:
-                assert cell.client.post(f"{location}/cancel").json()["state"] == "aborted"
+                # On a busy machine, the answer may come before the end.
+                assert cell.client.post(f"{location}/cancel").json()["state"] in ("stopping", "aborted")
+                assert finished(cell.client, location)["state"] == "aborted"
             assert len(events_since(cell, begin, "script_upload")) <= 1
             assert_followed_plan(cell, begin, whole=last)
 
