@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from recognition.model.model import METHODS, Method
-from recognition.parameters import ChainParameters
+from recognition.model.model import METHODS
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 
 Image = NDArray[np.float64]
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -24,9 +24,8 @@ class Case:
     """What one example gives to `recognise`."""
 
     views: tuple[View, ...]
-    parameters: ChainParameters | None
+    request: RecognitionRequest
     scene: Scene
-    method: Method
 
 
 # --- objects on the table: heights (H, W), metres, at the positions x, y (H, W), metres, of the pixels ---
@@ -247,9 +246,6 @@ def cases(
     given_r = draw(st.sampled_from((r, None, r, 0.7 * r, 1.5 * r, 0.0042)))
     half = draw(st.sampled_from((None, None, 5 * r, 30 * r)))
     workspace = None if half is None else ((-half, half), (-half, half), (table_z, table_z + 8 * r))
-    return Case(
-        tuple(views),
-        None if given_r is None else ChainParameters.for_radius(float(np.clip(given_r, 0.0005, 0.02))),
-        Scene(table_z, workspace),
-        draw(st.sampled_from(METHODS)),
-    )
+    radius_m = None if given_r is None else float(np.clip(given_r, 0.0005, 0.02))
+    request = RecognitionRequest(draw(st.sampled_from(METHODS)), radius_m)
+    return Case(tuple(views), request, Scene(table_z, workspace))

@@ -12,8 +12,8 @@ from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from recognition.model.model import METHODS, Method, PointChainModel
-from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import Scene
+from recognition.request import RecognitionRequest
 from tests.recognition.odd_scans import FAULTS, POSES, Case, Image, cases
 from tests.recognition.validity import check
 
@@ -69,8 +69,7 @@ def test_a_scan_with_faults_put_in_gives_a_valid_model_or_a_refusal(
         if rng.random() < share:
             T = poses[rng.integers(len(poses))](T, rng)
         views.append(replace(view, depth=depth, T_base_flange=T))
-    parameters = None if radius is None else ChainParameters.for_radius(radius)
-    answer = check(Case(tuple(views), parameters, Scene(0.0, scan.header.workspace_m), method))
+    answer = check(Case(tuple(views), RecognitionRequest(method, radius), Scene(0.0, scan.header.workspace_m)))
     if share == 0.0 and radius == 0.0042:
         # Without faults there is a model: the validator sees whole models, and errors are due to the faults.
         assert isinstance(answer, PointChainModel)

@@ -35,6 +35,7 @@ pytestmark = pytest.mark.slow
 
 Points = NDArray[np.float64]
 R = 0.0042
+DEFAULT_GRIPPER = Gripper()
 MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "colour-unusable", "more-views-needed"}
 """Codes that the service makes, and that of `test_stepwise`."""
 ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
@@ -57,7 +58,7 @@ def findings_of(
     r: float = R,
     views: Sequence[View] | None = None,
     half_m: float | None = 0.13,
-    gripper: Gripper | None = None,
+    gripper: Gripper = DEFAULT_GRIPPER,
 ) -> tuple[Finding, ...]:
     """Return the findings of a scan in a workspace of twice `half_m`. None means the workspace of the scan."""
     workspace = scan.header.workspace_m

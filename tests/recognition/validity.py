@@ -13,7 +13,6 @@ from recognition.model.findings import SEVERITIES, Finding
 from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise
-from recognition.request import RecognitionRequest
 from recognition.stage_timer import stages_of
 from tests.recognition.invariants import gauss_code_of
 from tests.recognition.odd_scans import Case
@@ -25,9 +24,7 @@ ADVICE = ("check", "give", "needed", "must", "no model is made")
 def check(case: Case) -> PointChainModel | RecognitionError:
     """Return the answer to `case` after checking that it is a valid model, or an error that says what to do."""
     try:
-        model = recognise(
-            case.views, RecognitionRequest(method=case.method, radius_m=case.parameters.r), case.scene
-        ).model
+        model = recognise(case.views, case.request, case.scene).model
     except RecognitionError as error:
         assert_helpful(error)
         return error
@@ -45,10 +42,10 @@ def assert_helpful(error: RecognitionError) -> None:
 def assert_valid(model: PointChainModel, case: Case) -> None:
     document = model.to_json()
     json.dumps(document, allow_nan=False)
-    assert model.method == case.method
-    assert set(document["timing_s"]) in ({"preprocess"}, set(stages_of(case.method)))
-    if case.parameters is not None:
-        assert model.parameters == case.parameters
+    assert model.method == case.request.method
+    assert set(document["timing_s"]) in ({"preprocess"}, set(stages_of(case.request.method)))
+    if case.request.radius_m is not None:
+        assert model.parameters == case.request.parameters_for(case.request.radius_m)
     assert [chain.id for chain in model.chains] == list(range(len(model.chains)))
     for chain in model.chains:
         assert_valid_chain(chain)
