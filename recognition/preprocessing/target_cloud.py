@@ -195,7 +195,7 @@ def workspace_box(scene: Scene) -> NDArray[np.float64]:
     """Return the limits (3, 2) of the workspace along x, y and z, metres; `MAX_REACH_M` if there is no workspace."""
     if scene.workspace_m is None:
         return np.tile([-MAX_REACH_M, MAX_REACH_M], (3, 1))
-    return np.array(scene.workspace_m)
+    return np.array(scene.workspace_m, dtype=np.float64)
 
 
 def _patches(

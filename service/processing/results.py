@@ -83,7 +83,6 @@ class Outcome:
 
     model: Mapping[str, Any]
     """Document of the model."""
-
     chains: int
     """Number of chains."""
     crossings: int

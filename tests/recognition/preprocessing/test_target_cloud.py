@@ -87,8 +87,10 @@ def test_points_outside_the_workspace_are_removed(table_1: ChainParameters) -> N
     assert preprocess(view_of(depth), table_1, too_low).n_in_workspace == 0
 
 
-def test_table_points_just_below_the_floor_are_in_the_workspace(table_1: ChainParameters) -> None:
-    box = ((-1.0, 1.0), (-1.0, 1.0), (0.0, 0.1))
+@pytest.mark.parametrize("box", [((-1.0, 1.0), (-1.0, 1.0), (0.0, 0.1)), ((-1, 1), (-1, 1), (0, 1))])
+def test_table_points_just_below_the_floor_are_in_the_workspace(
+    table_1: ChainParameters, box: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+) -> None:
     target = preprocess(view_of(at_heights(-2.0, 1.0, -50.0)), table_1, Scene(workspace_m=box))
     assert target.n_in_workspace == 8
 
