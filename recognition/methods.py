@@ -57,7 +57,7 @@ class FoundChains:
     """Chains in the order of their `id`."""
     crossings: CrossingSet
     """Crossings, and the findings on uncertain ones."""
-    connections: Sequence[Finding]
+    connection_findings: Sequence[Finding]
     """Doubts about pairs of ends that may be connected differently."""
     findings: Sequence[Finding]
     """Findings on the chains, and on strands that are no strings."""
@@ -89,7 +89,7 @@ def find_chains(surface: Surface, method: Method, begin: Begin) -> FoundChains:
     strands, reconstruction = connect_segments(linked, surface.points, centre_line.unaveraged, parameters)
 
     begin("topology")
-    assembly = assemble_chains(strands, centre_line.unaveraged, surface.views, surface.scene, parameters)
+    assembly = assemble_chains(strands, centre_line.unaveraged, surface.clouds, surface.scene, parameters)
     crossings = find_crossings(assembly.strands, surface.points, parameters)
     stages = MethodStages(
         centre_line,
@@ -105,7 +105,7 @@ def _find_by_graph(surface: Surface, begin: Begin) -> FoundChains:
     """Find the chains by the method `graph`. See `find_chains`."""
     parameters = surface.parameters
     first = find_strings(surface, parameters, begin=begin)
-    strings = find_thicker_strings(surface, first, parameters)
+    strings = find_thicker_strings(surface, first)
 
     begin("topology")
     assembly = assemble_fitted_chains(

@@ -80,6 +80,8 @@ def recognise(
     arriving = timer.exclude_waiting(views)
     radius_m = request.radius_m
     if radius_m is None:
+        # Table and warp are measured in all views here, and again one by one below, so that a measured radius gives the
+        # same model as a given one of the same value.
         arriving = list(arriving)
         radius_m = measure_radius(TableAndWarp.measure(arriving, scene)).radius_m
     parameters = request.parameters_for(radius_m)
@@ -89,7 +91,7 @@ def recognise(
     if surface.no_string_reason is not None:
         findings = findings_without_string(surface, request)
         timer.end()
-        quality = Quality.of(surface.ingested.excluded, findings)
+        quality = Quality.of(surface.views_quality, findings)
         model = PointChainModel(request.method, parameters, quality=quality, timing_s=timer.timing_s)
         return in_base_frame(Recognition(model, surface))
 
@@ -110,5 +112,12 @@ def recognise(
         timing_s=timer.timing_s,
         grasps=grasping.grasps,
     )
-    heights = surface.support.heights
-    return in_base_frame(Recognition(model, surface, surface.registration, heights, found.stages, grasping))
+    recognition = Recognition(
+        model=model,
+        surface=surface,
+        registration=surface.registration,
+        height_map=surface.support.heights,
+        stages=found.stages,
+        grasping=grasping,
+    )
+    return in_base_frame(recognition)

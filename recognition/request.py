@@ -14,7 +14,7 @@ from recognition.parameters import ChainParameters, check_settings
 
 @dataclass(frozen=True)
 class RecognitionRequest:
-    """How to recognise a scan. `recognise` checks the values, so that a request can also state what is refused."""
+    """How to recognise a scan. A request may hold invalid values until `check` is called, as `recognise` does."""
 
     method: Method = "graph"
     """`matching` is the earlier method of the paper's authors, `enhanced` that of the paper, `graph` is ours."""

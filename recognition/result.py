@@ -19,20 +19,20 @@ from recognition.surface import Surface
 class Recognition:
     """Model of a scene, and the result of each stage. The results of stages that did not run are None.
 
-    If the table is not where it is given, the stages work in the frame in which it is (see `IngestedViews`). The model,
-    the registration and the height map are in the base frame in any case.
+    The stages work in the table frame (see `IngestedViews`). The model, the registration and the height map are in the
+    base frame.
     """
 
     model: PointChainModel
     """The point chain model."""
     surface: Surface
-    """Surface above the table, and what the views saw of the workspace, in the frame of the stages."""
+    """Surface above the table, and what the views saw of the workspace, in the table frame."""
     registration: Registration | None = None
     """Registered views, and their merged point cloud with normals."""
     height_map: HeightMap | None = None
     """Height of the table and of all that lies on it, from all views."""
     stages: MethodStages = NO_STAGES
-    """Result of each stage of the method, from the centre line to the strands, in the frame of the stages."""
+    """Result of each stage of the method, from the centre line to the strands, in the table frame."""
     grasping: Grasping | None = None
     """Grasps, and the floor for the fingertips."""
 
@@ -52,6 +52,7 @@ def in_base_frame(recognition: Recognition) -> Recognition:
     table = recognition.surface.ingested.moved_table
     if table is None:
         return recognition
+    # Ingestion ignores small changes of the table. Each view is aligned to the table plane all the same.
     T = table.T_base_table
     registration = recognition.registration
     heights = recognition.height_map

@@ -38,11 +38,11 @@ def scene_findings(
     return (
         *_radius_findings(surface, request, chains, found.findings),
         *found.crossings.findings,
-        *found.connections,
+        *found.connection_findings,
         *sharp_bend_findings(chains),
         *found.findings,
         *possible_object_findings(checked.unexplained, chains, parameters),
-        *checked.contacts,
+        *checked.contact_findings,
         *unobserved_end_findings(chains, surface.scene, parameters),
         *unexplained_findings(checked.unexplained, parameters),
         *drift_findings(registration, chains),
@@ -64,7 +64,7 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
         finding("no-string-in-view", surface.no_string_reason),
         *table_findings(ingested.measured.table, ()),
         *warp_findings(ingested.measured.warp),
-        *view_findings(ingested.excluded, ingested.captured, ()),
+        *view_findings(surface.views_quality, ingested.captured, ()),
         *coverage_findings(ingested.targets, (), surface.scene),
     )
 
@@ -75,7 +75,7 @@ def _radius_findings(
     chains: Sequence[Chain],
     findings: Sequence[Finding],
 ) -> Sequence[Finding]:
-    """Return the finding that a given radius is probably wrong. A measured one was measured in the same views."""
+    """Return the finding that a given radius is probably wrong. A measured radius comes from these views."""
     if request.radius_m is None:
         return ()
     return other_radius_findings(surface.ingested.measured, surface.parameters, chains, findings)

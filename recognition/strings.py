@@ -55,7 +55,7 @@ def find_strings(
         surface.normals,
         parameters,
         surface.support,
-        views=surface.views,
+        views=surface.clouds,
         radius_is_given=radius_is_given,
         other_lines=surface.known_lines,
         bends=traced.pairing.bends,

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.ingestion.seen_cells import SeenCells, see_cells
+from recognition.ingestion.seen_cells import SeenCells, measure_seen_cells
 from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.ingestion.view_ingestion import IngestedViews, ingest_views, merge_heights
 from recognition.model.quality import ViewQuality
@@ -25,7 +25,7 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Registered surface of a scene, in the frame in which the table is (see `IngestedViews`)."""
+    """Registered surface of a scene, in the table frame (see `IngestedViews`)."""
 
     ingested: IngestedViews
     """Preprocessed views, the warp of their camera, and where they show the table."""
@@ -39,7 +39,7 @@ class Surface:
     """What strings rest on: the table plane, and the height map of all used views."""
     occlusion_map: OcclusionMap
     """Whole surface, from above and from the cameras. It also hides what is not in `points`."""
-    views: tuple[NormalCloud, ...] = ()
+    clouds: tuple[NormalCloud, ...] = ()
     """Registered views with depth images, which show gaps and ends. Without them, both are where the surface ends."""
     known_lines: tuple[Points, ...] = ()
     """(K, 3) centre lines of strings whose surface is not in `points`, metres."""
@@ -69,7 +69,7 @@ class Surface:
         """What the views saw of each cell of the table, whether or not it shows a string. Computed at the first use."""
         registered = {cloud.view: cloud for cloud in self.registration.clouds}
         views = [registered.get(target.view, target) for target in self.ingested.targets]
-        return see_cells(views, self.ingested.layers, self.scene.table_z_m, self.parameters.r)
+        return measure_seen_cells(views, self.ingested.layers, self.scene.table_z_m, self.parameters.r)
 
 
 def observe(
@@ -101,9 +101,14 @@ def observe(
     known = earlier.ingested if isinstance(earlier, Surface) else earlier
     ingested = ingest_views(views, parameters, scene, known)
     if ingested.no_string_reason is not None:
-        nothing = NO_REGISTRATION.points
-        support = SupportSurface(scene.table_z_m)
-        return Surface(ingested, NO_REGISTRATION, nothing, nothing, support, OcclusionMap(nothing))
+        return Surface(
+            ingested=ingested,
+            registration=NO_REGISTRATION,
+            points=NO_REGISTRATION.points,
+            normals=NO_REGISTRATION.normals,
+            support=SupportSurface(scene.table_z_m),
+            occlusion_map=OcclusionMap(NO_REGISTRATION.points),
+        )
 
     begin("registration")
     registration = register(ingested.clouds, parameters, ingested.correspondences, table_z_m=scene.table_z_m)
@@ -115,5 +120,5 @@ def observe(
         normals=registration.normals,
         support=SupportSurface(scene.table_z_m, merge_heights(ingested, registration)),
         occlusion_map=OcclusionMap(registration.points, registration.clouds),
-        views=registration.clouds,
+        clouds=registration.clouds,
     )

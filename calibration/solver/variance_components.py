@@ -42,7 +42,9 @@ class RobotErrorSquares:
         prior = np.array([priors.robot_rad, priors.robot_m])
         if not priors.estimate_noise:
             return prior
-        rows = np.arange(len(self.squares)) != excluded
+        rows = np.ones(len(self.squares), dtype=np.bool_)
+        if excluded is not None:
+            rows[excluded] = False
         squares = self.squares[rows].sum(axis=0) + PRIOR_WEIGHT * prior**2
         sigmas = np.sqrt(squares / (self.redundancy[rows].sum(axis=0) + PRIOR_WEIGHT))
         return np.maximum(sigmas, [MIN_NOISE.robot_rad, MIN_NOISE.robot_m])

@@ -5,9 +5,9 @@ counts and ends, the crossings, the surface that belongs to no chain, and the fi
 """
 
 from recognition.assembly.chain_ends import (
+    mark_ends_at_unexplained_surface,
+    mark_ends_without_free_space,
     mark_touching_ends,
-    mark_unobserved_ends,
-    mark_unseen_ends,
     unobserved_end_findings,
 )
 from recognition.assembly.chains import ChainAssembly, assemble_fitted_chains
@@ -30,9 +30,9 @@ __all__ = [
     "find_crossings",
     "find_fitted_crossings",
     "find_unexplained_surface",
+    "mark_ends_at_unexplained_surface",
+    "mark_ends_without_free_space",
     "mark_touching_ends",
-    "mark_unobserved_ends",
-    "mark_unseen_ends",
     "possible_object_findings",
     "sharp_bend_findings",
     "unexplained_findings",

@@ -90,7 +90,7 @@ def with_ends(chains: Sequence[Chain], kinds: Sequence[Sequence[End]]) -> tuple[
     return tuple(marked)
 
 
-def mark_unobserved_ends(
+def mark_ends_at_unexplained_surface(
     chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
     """Mark an end as `unobserved` if unexplained surface lies ahead of the end.
@@ -169,7 +169,7 @@ def _is_gap_visible(a: NDArray[np.float64], b: NDArray[np.float64], r: float, vi
     return bool(count_views(between, r, views).is_free.any())
 
 
-def mark_unseen_ends(
+def mark_ends_without_free_space(
     chains: Sequence[Chain], views: Sequence[NormalCloud], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
     """Mark a `free` end as `unobserved` if the views look through no point ahead of it.

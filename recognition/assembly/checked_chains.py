@@ -7,7 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.assembly.branches import mark_branches
-from recognition.assembly.chain_ends import mark_touching_ends, mark_unobserved_ends, mark_unseen_ends
+from recognition.assembly.chain_ends import (
+    mark_ends_at_unexplained_surface,
+    mark_ends_without_free_space,
+    mark_touching_ends,
+)
 from recognition.assembly.unexplained import find_unexplained_surface
 from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
@@ -22,9 +26,9 @@ class CheckedChains:
     """Chains in the order of their `id`."""
     crossings: Sequence[Crossing]
     """Crossings of the chains."""
-    contacts: Sequence[Finding]
+    contact_findings: Sequence[Finding]
     """Findings on ends that may be joined to another end, or to the side of a strand."""
-    surface: NDArray[np.float64]
+    points: NDArray[np.float64]
     """(N, 3) points of strings and of objects on which no string rests, metres."""
     unexplained: Sequence[NDArray[np.float64]]
     """(M, 3) points of each piece of that surface that belongs to no chain, metres, the largest piece first."""
@@ -41,8 +45,8 @@ def check_chains(chains: Sequence[Chain], crossings: Sequence[Crossing], surface
     parameters = surface.parameters
     points = surface.support.remove_from(surface.points, chains, parameters)
     unexplained = find_unexplained_surface(points, chains, parameters)
-    chains = mark_unobserved_ends(chains, unexplained, parameters)
-    chains, touching = mark_touching_ends(chains, surface.views)
-    chains, branches = mark_branches(chains, surface.views)
-    chains = mark_unseen_ends(chains, surface.views, parameters)
+    chains = mark_ends_at_unexplained_surface(chains, unexplained, parameters)
+    chains, touching = mark_touching_ends(chains, surface.clouds)
+    chains, branches = mark_branches(chains, surface.clouds)
+    chains = mark_ends_without_free_space(chains, surface.clouds, parameters)
     return CheckedChains(chains, crossings, [*touching, *branches], points, unexplained)

@@ -44,7 +44,7 @@ def plan_grasps(
     crossings = checked.crossings
     parameters = surface.parameters
     floor = find_local_floor(surface.support, chains)
-    obstacles = gather_obstacles(chains, checked.surface, VOXEL_RADII * parameters.r)
+    obstacles = gather_obstacles(chains, checked.points, VOXEL_RADII * parameters.r)
     candidates = find_grasps(chains, crossings, obstacles, floor, parameters, gripper)
     selected = select_trusted_grasps(candidates, chains, crossings, findings, gripper, keep_all)
     return Grasping(list_grasps(selected.grasps, chains, crossings, obstacles, gripper), selected.findings, floor)

@@ -1,4 +1,4 @@
-"""What the views saw of each cell of the table: from how many viewpoints, how finely, with how much noise.
+"""Measure how well the views saw each cell of the table: viewpoints, resolution, noise and free space.
 
 A model states what is there, and also what is not: that there is no string, or that a string ends. Such a statement
 holds only where the views would have shown the contrary.
@@ -44,11 +44,11 @@ class SeenCells:
     """(M, N) number of pixels that the radius of a string covers in the nearest view that measured the cell; 0 where
     none did."""
     free_above_m: NDArray[np.float64]
-    """(M, N) height above the table from which on at least one view looks through the space over the cell, metres;
-    infinite where none does at the highest of `FREE_LEVELS_RADII`."""
+    """(M, N) lowest height above the table from which on at least one view looks through each of `FREE_LEVELS_RADII`
+    over the cell, metres; infinite where none looks through the highest one."""
 
 
-def see_cells(
+def measure_seen_cells(
     views: Sequence[TargetCloud | NormalCloud], layers: Sequence[HeightLayer], table_z_m: float, r: float
 ) -> SeenCells:
     """Return what the views saw in each cell.

@@ -33,7 +33,7 @@ from recognition.registration.measured_table import (
 )
 
 EARLY_PLANES = 2
-"""Minimum number of views that show the table, for a change of its place while further views may arrive. A single view
+"""Minimum number of views that show the table, for a move of the table while further views may arrive. A single view
 shows it less accurately."""
 
 
@@ -67,11 +67,11 @@ class TableAndWarp:
             TableElsewhereError: The table is too far from where it is given, or two planes may be the table.
         """
         measured = cls(scene)
-        planes = [measured._capture(view) for view in views]
+        planes = [measured._append_captured(view) for view in views]
         samples = [sample for sample in measured.samples if sample is not None]
         measured.warp = measure_warp(samples[:MAX_VIEWS])
         for view, plane in zip(measured.views, planes, strict=True):
-            measured._correct(view, plane)
+            measured._append_corrected(view, plane)
         measured._locate_table()
         measured.T_base_table = measured._measured_T_base_table()
         measured._refuse_doubtful_table()
@@ -95,19 +95,18 @@ class TableAndWarp:
         Raises:
             DuplicateViewError: Two views have the same index.
         """
-        plane = self._capture(view)
-        if self._has_new_warp():
+        plane = self._append_captured(view)
+        has_new_warp = self._has_new_warp()
+        if has_new_warp:
             self.without_warp.clear()
             self.planes.clear()
-            for captured in self.views[:-1]:
-                self._correct(captured, None)
-            self._correct(view, plane)
-            self._move_table(EARLY_PLANES)
-            return True
-        self._correct(view, plane)
-        return self._move_table(EARLY_PLANES)
+            for earlier in self.views[:-1]:
+                self._append_corrected(earlier, measure_table(earlier, self.scene))
+        self._append_corrected(view, plane)
+        is_moved = self._move_table(EARLY_PLANES)
+        return has_new_warp or is_moved
 
-    def settle(self) -> bool:
+    def finish(self) -> bool:
         """Move the table even if a single view shows it, because no view follows. Return as `add`.
 
         Raises:
@@ -128,7 +127,7 @@ class TableAndWarp:
             return view
         return MovedView(view, inverse(self.T_base_table) @ view.T_base_camera)
 
-    def _capture(self, view: DepthView) -> ViewPlane | None:
+    def _append_captured(self, view: DepthView) -> ViewPlane | None:
         """Add a view as captured, and return the plane of its table. Raises DuplicateViewError."""
         if any(view.index == earlier.index for earlier in self.views):
             raise DuplicateViewError(f"two views have the index {view.index}; give each view its own index")
@@ -138,11 +137,10 @@ class TableAndWarp:
         self.samples.append(sample)
         return plane
 
-    def _correct(self, view: DepthView, plane: ViewPlane | None) -> None:
-        """Add a view without the warp, and its plane. `plane` is that of the captured view; None: not measured yet."""
+    def _append_corrected(self, view: DepthView, plane: ViewPlane | None) -> None:
+        """Add a view without the warp, and the plane of its table. `plane` is that of the captured view."""
         if self.warp is not None:
             view = correct(view, self.warp)
-        if self.warp is not None or plane is None:
             plane = measure_table(view, self.scene)
         self.without_warp.append(view)
         self.planes.append(plane)

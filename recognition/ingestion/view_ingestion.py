@@ -25,8 +25,8 @@ from recognition.registration.registration import Registration
 class IngestedViews:
     """Preprocessed views, ready for registration.
 
-    All but `measured` are from corrected depth images. If the table is not where it is given, they are in the frame in
-    which it is: the base frame, moved by `measured.T_base_table`.
+    All but `measured` are from corrected depth images and in the *table frame*: the base frame, moved by
+    `measured.T_base_table`, so that the table is at its given height. Both frames are equal if it is where it is given.
     """
 
     parameters: ChainParameters
@@ -90,16 +90,16 @@ class _Ingestion:
             crowded={**earlier.crowded},
         )
 
-    def arrive(self, view: DepthView) -> None:
+    def add(self, view: DepthView) -> None:
         """Preprocess a further view; all views are preprocessed again if it changes warp or table."""
         if self.measured.add(view):
             self.preprocess_again()
         else:
             self.preprocess(len(self.measured.views) - 1)
 
-    def settle(self) -> None:
+    def finish(self) -> None:
         """Use the table of a single view, because no view follows. Raises TableElsewhereError if it is doubtful."""
-        if self.measured.settle():
+        if self.measured.finish():
             self.preprocess_again()
 
     def preprocess_again(self) -> None:
@@ -138,9 +138,9 @@ def ingest_views(
 ) -> IngestedViews:
     """Preprocess each view when it arrives, and find its correspondences with the nearest earlier views.
 
-    As soon as two views show the table where it is not given, all views are preprocessed with the table where it is. A
-    single view is, if it is the only one.
-    As soon as the views show a warp of the camera, all views are preprocessed with corrected depth images.
+    As soon as two views show the table where it is not given, all views are preprocessed again relative to the measured
+    table. A single view suffices if no other follows. As soon as the views show a warp of the camera, all views are
+    preprocessed again with corrected depth images.
 
     Args:
         views: Depth images with their camera poses. They may arrive one by one.
@@ -163,18 +163,18 @@ def ingest_views(
     """
     views = iter(views)
     ingestion = _begin(parameters, scene, earlier)
-    # The first views are those of `earlier`, and are not ingested again.
+    # The first views are those of `earlier`: they are skipped.
     ingestion.measured.views[:] = islice(views, len(ingestion.measured.views))
     for view in views:
-        ingestion.arrive(view)
-    ingestion.settle()
+        ingestion.add(view)
+    ingestion.finish()
     selection = select_views(ingestion.targets)
     no_string_reason = None
     excluded = selection.excluded
     if selection.no_string_reason is not None:
         _refuse_distant_table(ingestion.measured.views, scene)
-        threshold = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
-        no_string_reason = f"{selection.no_string_reason} {threshold}"
+        threshold_note = f"({parameters.z_t * 1000:.1f} mm for a radius of {parameters.r * 1000:.1f} mm)"
+        no_string_reason = f"{selection.no_string_reason} {threshold_note}"
     else:
         excluded += _crowded_views(ingestion, selection.used)
     return IngestedViews(
@@ -205,8 +205,9 @@ def _begin(parameters: ChainParameters, scene: Scene, earlier: IngestedViews | T
 def _crowded_views(ingestion: _Ingestion, used: Sequence[TargetCloud]) -> tuple[ViewQuality, ...]:
     """Return the quality of each crowded view, or raise its TooCrowdedError if most views are crowded."""
     crowded = ingestion.crowded
+    n_usable = len(ingestion.clouds)
     # A single view is used only if no other view contradicts it.
-    if crowded and len(ingestion.clouds) < max(2, len(crowded)):
+    if crowded and (n_usable < 2 or n_usable < len(crowded)):
         raise next(iter(crowded.values()))
     return tuple(
         ViewQuality(target.view, False, str(crowded[target.view]), len(target.points), code="view-crowded")

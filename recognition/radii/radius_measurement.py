@@ -69,7 +69,8 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     if surface.no_string_reason is not None:
         return MeasuredRadius(rough.r)
     # Radii do not depend on what the depth images show beside the surface. The search for it would take time.
-    surface = replace(surface, views=(), occlusion_map=OcclusionMap(surface.points))
+    surface = replace(surface, clouds=(), occlusion_map=OcclusionMap(surface.points))
+    # Each string has a measured radius, whether or not its tube has the rough one.
     strings = find_strings(surface, rough).classified.strings
     return MeasuredRadius(_median_radius(strings), strings) if strings else MeasuredRadius(rough.r)
 

@@ -46,7 +46,7 @@ OWN_RADII = 1.35
 """Maximum distance of the surface of a string from its centre line, in radii of the string."""
 FAR_RADII = 2.0
 """Minimum distance of surface that belongs to no string from the centre line of a string, in radii of the string."""
-MIN_STRAIGHT_RADII = 1.0
+MIN_BOW_RADII = 1.0
 """Minimum distance of a string from the straight line through its ends, in radii. A straighter strand may be a pen or a
 rod."""
 
@@ -61,7 +61,7 @@ class StringsOfAllRadii:
     """Ambiguous pairs of ends of all passes."""
 
 
-def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainParameters) -> StringsOfAllRadii:
+def find_thicker_strings(surface: Surface, first: Strings) -> StringsOfAllRadii:
     """Search the surface that no string of the given radius explains for strings of larger radii.
 
     The rest is searched only if it looks like a string: as high as it is wide over the length of a string. Its radius
@@ -73,11 +73,11 @@ def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainPara
     Args:
         surface: Whole surface above the table.
         first: Strings of the given radius.
-        parameters: Method parameters for the given radius.
 
     Returns:
         The strings of all passes.
     """
+    parameters = surface.parameters
     first_ambiguous = tuple(first.traced.pairing.ambiguous)
     is_rest = first.refinement.strand_of_point < 0
     if not first.classified.strings or np.count_nonzero(is_rest) < MIN_POINTS:
@@ -102,7 +102,7 @@ def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainPara
         pairs = further.traced.pairing.ambiguous
         ambiguous += [pair for pair in pairs if _lies_along(pair, found.strings, OWN_RADII)]
     if not thicker_strings:
-        return StringsOfAllRadii(tuple(passes), (*ambiguous, *first_ambiguous))
+        return StringsOfAllRadii(tuple(passes), first_ambiguous)
     passes[0] = _classify_rest(first.refinement, surface, thicker_strings, parameters)
     # No string lies inside the tube of another one.
     outside = [pair for pair in first_ambiguous if not _lies_along(pair, thicker_strings, 1.0)]
@@ -112,7 +112,7 @@ def find_thicker_strings(surface: Surface, first: Strings, parameters: ChainPara
 def _rest(surface: Surface, known: Sequence[FittedStrand], r: float) -> Surface:
     """Return the surface without that of known strings, its points averaged for the radius `r`, metres."""
     is_rest = _distance_radii(surface.points, known) > OWN_RADII
-    points, normals = _thinned(surface.points[is_rest], surface.normals[is_rest], r)
+    points, normals = _average_per_voxel(surface.points[is_rest], surface.normals[is_rest], r)
     lines = tuple(string.points for string in known)
     return replace(surface, points=points, normals=normals, known_lines=lines)
 
@@ -144,7 +144,7 @@ def _scaled(parameters: ChainParameters, radius_m: float) -> ChainParameters:
     return replace(parameters, **{name: scale * getattr(parameters, name) for name in lengths})
 
 
-def _thinned(points: Points, normals: Points, r: float) -> tuple[Points, Points]:
+def _average_per_voxel(points: Points, normals: Points, r: float) -> tuple[Points, Points]:
     """Average the surface points and their normals in the voxels of the radius `r`, metres."""
     points, normals = voxel_means(points, VOXEL_RADII * r, normals)
     length = np.linalg.norm(normals, axis=1)
@@ -159,7 +159,7 @@ def _certain(found: StringClassification) -> StringClassification:
     for string in found.strings:
         if max_squareness(string) > MAX_SQUARENESS:
             reason = "it is thicker than the given radius, and perhaps a bar with edges; look at it"
-        elif not string.closed and _bow_radii(string) < MIN_STRAIGHT_RADII:
+        elif not string.closed and _bow_radii(string) < MIN_BOW_RADII:
             reason = "it is thicker than the given radius, and straight like a pen or a rod; look at it"
         else:
             strings.append(string)
@@ -206,7 +206,7 @@ def _distance_radii(points: Points, strings: Sequence[FittedStrand], min_radius_
     Args:
         points: (N, 3) points, metres.
         strings: Strings, at least one.
-        min_radius_m: Radius of thinner strings in this unit, metres.
+        min_radius_m: Strings that are thinner than this count with this radius, metres.
     """
     nearest = np.full(len(points), np.inf)
     for string in strings:

@@ -114,7 +114,6 @@ def refine(
     normals: Points,
     parameters: ChainParameters,
     support: SupportSurface | None = None,
-    max_merges: int = MAX_MERGES,
     views: Sequence[NormalCloud] = (),
     radius_is_given: bool = True,
     other_lines: Sequence[Points] = (),
@@ -131,7 +130,6 @@ def refine(
         normals: (M, 3) outward unit normals.
         parameters: Method parameters; uses the radius r, the length r_f of an end and the spacing r_n of bridges.
         support: What the strings rest on. None means a table at z = 0.
-        max_merges: Maximum number of passes that merge overlapping ends.
         views: Registered views. Their depth images show the ends of the strings. Without views, an end is where the
             surface ends.
         radius_is_given: Whether r is the given radius. If it is only a rough one, each tube has its measured radius.
@@ -160,7 +158,7 @@ def refine(
         if radius_is_given:
             radii = _select_radii(measured_radii, scatter_m, r)
         lines = _localise_ends(strands, first_fit.lines, radii, measured, r)
-        if n_merges >= max_merges:
+        if n_merges >= MAX_MERGES:
             break
         # Joined and split strands are fitted again from the start.
         located = _replace_lines(strands, lines)

@@ -97,7 +97,7 @@ class MovedView:
     """View with another camera pose."""
 
     image: DepthView
-    """View as it was captured."""
+    """View whose image is used."""
     T_base_camera: NDArray[np.float64]
     """(4, 4) camera pose, metres."""
 
@@ -122,25 +122,22 @@ class MovedView:
         return self.image.K
 
 
-def locate_table(
-    planes: Sequence[ViewPlane], table_z_m: float, sigmas: PoseSigmas | None = None
-) -> MeasuredTable | None:
+def locate_table(planes: Sequence[ViewPlane], table_z_m: float) -> MeasuredTable | None:
     """Return the plane of the table that the views agree on.
 
-    Views whose plane does not fit the others are left out, as long as a majority remains. If the remaining planes
+    Views whose plane does not fit the others are excluded, as long as a majority remains. If the remaining planes
     scatter more than the sigmas allow, the covariance grows in proportion.
 
     Args:
         planes: Plane of the table in each view that shows it.
         table_z_m: Given height of the table, metres, base frame.
-        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
 
     Returns:
         The measured table; None if no view shows it.
     """
     if len(planes) == 0:
         return None
-    sigmas = sigmas or PoseSigmas()
+    sigmas = PoseSigmas()
     centre = np.append(np.median([plane.centre[:2] for plane in planes], axis=0), table_z_m)
     G, y = _equations(planes, centre, sigmas)
     min_views = len(planes) // 2 + 1
@@ -161,21 +158,6 @@ def locate_table(
     scale = max(total / max(3 * len(G) - 3, 1), 1.0)
     covariance = np.asarray(scale * np.linalg.inv(information)[:3, :3], dtype=np.float64)
     return MeasuredTable(centre, state[:3], covariance)
-
-
-def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> MeasuredTable | None:
-    """Return where the views show the table, if errors of the poses do not explain the difference, else None.
-
-    A single view shows it, too, with the whole error of its pose.
-
-    Args:
-        planes: Plane of the table in each view; None for a view that shows too little of it.
-        table_z_m: Given height of the table, metres, base frame.
-    """
-    table = locate_table([plane for plane in planes if plane is not None], table_z_m)
-    if table is None or not table.is_elsewhere:
-        return None
-    return table
 
 
 def refuse_doubtful_table(table: MeasuredTable, planes: Sequence[ViewPlane | None]) -> None:
@@ -208,7 +190,7 @@ def describe_table(table: MeasuredTable) -> str:
 
 
 def is_near(T_a: NDArray[np.float64], T_b: NDArray[np.float64], planes: Sequence[ViewPlane | None]) -> bool:
-    """Return whether two poses (4, 4) of the table give nearly the same plane where the views show it."""
+    """Return whether two motions (4, 4) of the table give nearly the same plane where the views show it."""
     normal_a = T_a[:3, 2]
     normal_b = T_b[:3, 2]
     if float(np.linalg.norm(np.cross(normal_a, normal_b))) > MAX_NEAR_RAD:

@@ -136,7 +136,8 @@ def _main_axes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the local direction (N, 3) and the contribution rate (N,) of each point.
 
-    The direction is the first eigenvector of the weighted covariance of the neighbours within `radius`, metres.
+    The direction is the eigenvector of the largest eigenvalue of the weighted covariance of the neighbours within
+    `radius`, metres.
     """
     i, j = neighbour_pairs(points, radius)
     offset = points.T.take(j, axis=1) - points.T.take(i, axis=1)
@@ -146,9 +147,9 @@ def _main_axes(
     x, y, z = offset
     products = weights[j] * np.array([x * x, x * y, x * z, y * y, y * z, z * z])
     second = group_sums(i, products.T, len(points)) / total
-    R = second[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
-    eigenvalues, axes = np.linalg.eigh(R)
+    covariance = second[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
+    eigenvalues, axes = np.linalg.eigh(covariance)
     eigenvalues = np.abs(eigenvalues)
     # The lower limit of the denominator gives a point without neighbours the rate zero.
-    total = np.maximum(eigenvalues.sum(axis=1), (ISOLATED_SHARE * radius) ** 2)
-    return axes[:, :, 2], eigenvalues[:, 2] / total
+    sums = np.maximum(eigenvalues.sum(axis=1), (ISOLATED_SHARE * radius) ** 2)
+    return axes[:, :, 2], eigenvalues[:, 2] / sums

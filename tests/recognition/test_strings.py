@@ -47,7 +47,7 @@ def test_the_strings_are_those_of_the_recognition(scan: SimulatedScan, surface: 
 
 def test_strings_are_found_without_the_depth_images(surface: Surface) -> None:
     """The measurement of a radius does so. Ends and gaps are then where the surface ends."""
-    without_images = replace(surface, views=(), occlusion_map=OcclusionMap(surface.points))
+    without_images = replace(surface, clouds=(), occlusion_map=OcclusionMap(surface.points))
     (string,) = find_strings(without_images, PARAMETERS).classified.strings
     (with_images,) = find_strings(surface, PARAMETERS).classified.strings
     # The ends differ by less than a radius, and the middle is fitted to the same surface.

@@ -12,9 +12,9 @@ from cell.simulation.scenes.scenes import make_scene
 from recognition.assembly.chain_ends import (
     END_PART_RADII,
     MAX_FACING_GAP_RADII,
+    mark_ends_at_unexplained_surface,
+    mark_ends_without_free_space,
     mark_touching_ends,
-    mark_unobserved_ends,
-    mark_unseen_ends,
     unobserved_end_findings,
 )
 from recognition.model.chains import Chain, End
@@ -47,9 +47,9 @@ AHEAD = line((109, 0), (125, 0))
 
 
 def test_an_end_with_a_piece_in_line_is_unobserved(table_1: ChainParameters) -> None:
-    (found,) = mark_unobserved_ends([ALONG_X], [AHEAD], table_1)
+    (found,) = mark_ends_at_unexplained_surface([ALONG_X], [AHEAD], table_1)
     assert found.ends == ("free", "unobserved")
-    (found,) = mark_unobserved_ends([replace(ALONG_X, points=ALONG_X.points[::-1])], [AHEAD], table_1)
+    (found,) = mark_ends_at_unexplained_surface([replace(ALONG_X, points=ALONG_X.points[::-1])], [AHEAD], table_1)
     assert found.ends == ("unobserved", "free")
 
 
@@ -57,7 +57,7 @@ def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
     # An arc of radius 20 mm, farther than 8.4 mm from the chain's end.
     turn = np.radians(np.arange(26, 60, 2))
     bent = np.column_stack([0.1 + 0.02 * np.sin(turn), 0.02 * (1 - np.cos(turn)), np.full(len(turn), R)])
-    (found,) = mark_unobserved_ends([ALONG_X], [bent], table_1)
+    (found,) = mark_ends_at_unexplained_surface([ALONG_X], [bent], table_1)
     assert found.ends == ("free", "unobserved")
 
 
@@ -65,29 +65,29 @@ def test_a_string_that_bends_away_is_in_line(table_1: ChainParameters) -> None:
     "elsewhere", [line((114, 0), (130, 0)), line((100, 9), (100, 30)), line((90, 9), (106, 12)), line((20, 9), (60, 9))]
 )
 def test_surface_far_away_or_aside_is_another_object(table_1: ChainParameters, elsewhere: np.ndarray) -> None:
-    (found,) = mark_unobserved_ends([ALONG_X], [elsewhere], table_1)
+    (found,) = mark_ends_at_unexplained_surface([ALONG_X], [elsewhere], table_1)
     assert found.ends == ("free", "free")
 
 
 def test_from_a_thicker_chain_it_may_be_farther(table_1: ChainParameters) -> None:
-    (found,) = mark_unobserved_ends([replace(ALONG_X, radius_m=0.006)], [line((113, 0), (130, 0))], table_1)
+    (found,) = mark_ends_at_unexplained_surface([replace(ALONG_X, radius_m=0.006)], [line((113, 0), (130, 0))], table_1)
     assert found.ends == ("free", "unobserved")
 
 
 def test_an_unobserved_end_stays_unobserved_and_a_ring_has_no_end(table_1: ChainParameters) -> None:
-    (found,) = mark_unobserved_ends([replace(ALONG_X, ends=("unobserved", "free"))], [AHEAD], table_1)
+    (found,) = mark_ends_at_unexplained_surface([replace(ALONG_X, ends=("unobserved", "free"))], [AHEAD], table_1)
     assert found.ends == ("unobserved", "unobserved")
     ring = replace(ALONG_X, closed=True)
-    assert mark_unobserved_ends([ring], [AHEAD], table_1) == (ring,)
+    assert mark_ends_at_unexplained_surface([ring], [AHEAD], table_1) == (ring,)
 
 
 def test_no_unexplained_surface_or_no_chains(table_1: ChainParameters) -> None:
-    assert mark_unobserved_ends([ALONG_X], [], table_1) == (ALONG_X,)
-    assert mark_unobserved_ends([], [AHEAD], table_1) == ()
+    assert mark_ends_at_unexplained_surface([ALONG_X], [], table_1) == (ALONG_X,)
+    assert mark_ends_at_unexplained_surface([], [AHEAD], table_1) == ()
 
 
 def test_a_chain_of_two_points_has_a_direction(table_1: ChainParameters) -> None:
-    (found,) = mark_unobserved_ends([chain(line((99, 0), (100, 0)))], [AHEAD], table_1)
+    (found,) = mark_ends_at_unexplained_surface([chain(line((99, 0), (100, 0)))], [AHEAD], table_1)
     assert found.ends == ("free", "unobserved")
 
 
@@ -150,25 +150,25 @@ def test_other_ends_are_unchanged(other: NDArray[np.float64]) -> None:
 def test_an_end_is_free_only_if_free_space_is_seen_ahead_of_it(table_1: ChainParameters) -> None:
     views = captured(line((0, 0), (150, 0)))
     # the string goes on at the last end of the chain, as after a gap in the measurement
-    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
-    assert mark_unseen_ends([ALONG_X], views[:1], table_1)[0].ends == ("free", "unobserved")
-    assert mark_unseen_ends([ALONG_X], [], table_1)[0].ends == ("free", "free"), "without depth images"
+    assert mark_ends_without_free_space([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
+    assert mark_ends_without_free_space([ALONG_X], views[:1], table_1)[0].ends == ("free", "unobserved")
+    assert mark_ends_without_free_space([ALONG_X], [], table_1)[0].ends == ("free", "free"), "without depth images"
     touching = replace(ALONG_X, ends=("free", "touching"))
-    assert mark_unseen_ends([touching], views, table_1)[0].ends == ("free", "touching")
+    assert mark_ends_without_free_space([touching], views, table_1)[0].ends == ("free", "touching")
     ring = replace(ALONG_X, closed=True)
-    assert mark_unseen_ends([ring], views, table_1)[0].ends == ("free", "free")
+    assert mark_ends_without_free_space([ring], views, table_1)[0].ends == ("free", "free")
 
 
 def test_an_end_is_unobserved_where_no_depth_was_measured_ahead_of_it(table_1: ChainParameters) -> None:
     views = captured(ALONG_X.points)
-    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "free")
+    assert mark_ends_without_free_space([ALONG_X], views, table_1)[0].ends == ("free", "free")
     for view in views:
         assert view.image is not None
         rows, columns = np.indices(view.image.depth.shape)
         ahead = (np.array([0.11, 0.0, R]) - view.image.T_base_camera[:3, 3]) @ view.image.T_base_camera[:3, :3]
         column, row = (ahead @ view.image.K.T)[:2] / ahead[2]
         view.image.depth[np.hypot(rows - row, columns - column) < 30] = 0  # 30 pixels are about 18 mm
-    assert mark_unseen_ends([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
+    assert mark_ends_without_free_space([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
 
 
 def test_no_chains_and_closed_chains_have_no_touching_ends() -> None:

@@ -11,7 +11,7 @@ from recognition.errors import TableElsewhereError
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.registration.measured_table import (
     MAX_SIGMA,
-    find_moved_table,
+    MeasuredTable,
     is_near,
     locate_table,
     refuse_doubtful_table,
@@ -53,6 +53,12 @@ def noisy_planes(T_base_table: NDArray[np.float64], seed: int, scale: float = 1.
 def table_at(height_m: float, tilt_deg: float, direction_rad: float = 0.5) -> NDArray[np.float64]:
     axis = np.array([np.cos(direction_rad), np.sin(direction_rad), 0.0])
     return from_rotation_vector((0, 0, height_m), np.deg2rad(tilt_deg) * axis)
+
+
+def find_moved_table(planes: Sequence[ViewPlane | None], table_z_m: float) -> MeasuredTable | None:
+    """Return where the views show the table, if it is elsewhere than given."""
+    table = locate_table([plane for plane in planes if plane is not None], table_z_m)
+    return table if table is not None and table.is_elsewhere else None
 
 
 def errors_in_sigma(T_base_table: NDArray[np.float64], seeds: Sequence[int], scale: float = 1.0) -> list[float]:
