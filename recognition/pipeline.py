@@ -35,7 +35,7 @@ def recognise(
     Args:
         views: Depth images with their camera poses, at least one. They may arrive one by one; each view is
             preprocessed when it arrives. Without a given radius, all of them are needed first.
-        request: Method, radius, settings and gripper.
+        request: Method, radius, settings, gripper, and whether grasps in doubt are listed.
         scene: Table height and workspace in the base frame.
         on_stage: Function that is called with the name of each stage (see `STAGES`) when the stage begins.
         earlier: Recognition of the first of these views. What it measured in them is used again.

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, Self
 
 from recognition.errors import InvalidParametersError
@@ -28,12 +28,18 @@ class RecognitionRequest:
     """Whether the model also has the grasps on parts of chains with a doubt."""
 
     def check(self) -> None:
-        """Check the method, the settings and the radius.
+        """Check all values.
 
         Raises:
             InvalidParametersError: The method is unknown, it does not use one of the settings, the radius is not the
-                radius of a string, or the values break a condition of Table I.
+                radius of a string, the values break a condition of Table I, or a value has another type.
         """
+        if not isinstance(self.settings, Mapping):
+            raise InvalidParametersError(f"settings is {self.settings!r}; values by parameter name are needed, or {{}}")
+        if not isinstance(self.gripper, Gripper):
+            raise InvalidParametersError(f"gripper is {self.gripper!r}; a Gripper is needed")
+        if not isinstance(self.all_grasps, bool):
+            raise InvalidParametersError(f"all_grasps is {self.all_grasps!r}; True or False is needed")
         if self.method not in METHODS:
             raise InvalidParametersError(f"there is no method {self.method!r}; it must be one of {', '.join(METHODS)}")
         check_settings(self.settings, self.method)
@@ -67,27 +73,44 @@ class RecognitionRequest:
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Self:
-        """Return the request of a document that `to_json` returned.
+        """Return the request of a document that `to_json` returned for a valid request.
 
         Raises:
-            pydantic.ValidationError: The document is not a request.
+            InvalidParametersError: A member is unknown, or has another type.
         """
         # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
-        from pydantic import TypeAdapter
+        from pydantic import TypeAdapter, ValidationError
 
-        return TypeAdapter(cls).validate_python(document)
+        names = [member.name for member in fields(cls)]
+        for name in document:
+            if name not in names:
+                raise InvalidParametersError(f"a request has no member {name!r}; its members are {', '.join(names)}")
+        try:
+            return TypeAdapter(cls).validate_python(document)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            member = ".".join(str(part) for part in first["loc"])
+            raise InvalidParametersError(
+                f"a request cannot have {member} {first['input']!r}: {first['msg']}"
+            ) from error
 
     def to_json(self) -> dict[str, Any]:
         """Return the request as JSON values, without `settings` and `all_grasps` if they are not set.
 
-        A radius that is NaN or infinite becomes text. Recognition rejects it.
+        A radius or a setting that is NaN or infinite becomes text. Recognition rejects it.
         """
         document = asdict(self)
-        if self.radius_m is not None and not math.isfinite(self.radius_m):
-            document["radius_m"] = str(self.radius_m)
+        document["radius_m"] = _json_number(self.radius_m)
+        document["settings"] = {name: _json_number(value) for name, value in self.settings.items()}
         if not self.settings:
             del document["settings"]
         if not self.all_grasps:
             del document["all_grasps"]
         # Lists instead of tuples, as in a document that is read again.
         return json.loads(json.dumps(document))
+
+
+def _json_number(value: float | None) -> float | str | None:
+    """Return a number as JSON has it. NaN and infinity become text. None stays None."""
+    is_json_number = value is None or math.isfinite(value)
+    return value if is_json_number else str(value)

@@ -40,7 +40,7 @@ pointchain simulate loop.mcap --scene loop --seed 1
 pointchain recognise loop.mcap --method enhanced --set rho_t=0.85 --set r_cn=0.013 > loop.json
 ```
 
-From Python, pass `settings` to `recognise`, or call `with_settings`:
+From Python, give a `RecognitionRequest` the values as `settings`, or call `with_settings`:
 
 ```python
 from recognition.parameters import ChainParameters

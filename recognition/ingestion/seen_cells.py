@@ -26,12 +26,15 @@ FREE_LEVELS_RADII = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 @dataclass(frozen=True, eq=False)
 class SeenCells:
-    """What the views saw in each of M by N square cells of the table, along x and y."""
+    """What the views saw in each of M by N square cells of the table: axis 0 is x, axis 1 is y.
+
+    The table frame is the base frame if the table is where it is given (see `IngestedViews`).
+    """
 
     x_m: float
-    """Position of the first edge of the first cell along x, metres, base frame."""
+    """Position of the first edge of the first cell along x, metres, table frame."""
     y_m: float
-    """The same along y, metres, base frame."""
+    """The same along y, metres, table frame."""
     cell_m: float
     """Edge length of the cells, metres."""
     viewpoints: NDArray[np.int64]

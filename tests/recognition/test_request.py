@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -33,6 +34,9 @@ def test_an_impossible_radius_is_refused(requested: float | None, recorded: floa
         (RecognitionRequest("graph", settings={"r_c": 0.004}), "does not use r_c"),
         (RecognitionRequest(radius_m=4.2), "metres, not mm"),
         (RecognitionRequest(radius_m=0.0042, settings={"r_n": 0.02}), "the parameters break r_n < r_f"),
+        (RecognitionRequest(settings=None), "settings is None"),  # type: ignore[arg-type]  # of another type
+        (RecognitionRequest(gripper=None), "a Gripper is needed"),  # type: ignore[arg-type]  # of another type
+        (RecognitionRequest(all_grasps="false"), "True or False is needed"),  # type: ignore[arg-type]  # another type
     ],
 )
 def test_what_recognition_refuses_is_refused_before_it_begins(request_: RecognitionRequest, message: str) -> None:
@@ -55,9 +59,29 @@ def test_the_document_names_what_is_set() -> None:
     assert (full["gripper"]["stroke_m"], full["all_grasps"]) == (0.05, True)
 
 
+def test_a_request_is_read_as_it_was_written() -> None:
+    full = RecognitionRequest("enhanced", 0.003, {"r_cn": 0.01}, Gripper(stroke_m=0.05), all_grasps=True)
+    for request in (RecognitionRequest(), full):
+        assert RecognitionRequest.from_json(json.loads(json.dumps(request.to_json()))) == request
+
+
+@pytest.mark.parametrize(
+    ("document", "message"),
+    [
+        ({"radius": 0.0042}, "no member 'radius'; its members are method, radius_m, settings, gripper, all_grasps"),
+        ({"method": "grpah"}, "cannot have method 'grpah'"),
+        ({"gripper": {"stroke_m": "wide"}}, "cannot have gripper.stroke_m 'wide'"),
+    ],
+)
+def test_a_document_that_is_no_request_is_refused(document: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidParametersError, match=message):
+        RecognitionRequest.from_json(document)
+
+
 @pytest.mark.parametrize("radius_m", [float("nan"), float("inf")])
 def test_a_radius_that_is_no_json_number_becomes_text(radius_m: float) -> None:
-    request = RecognitionRequest(radius_m=radius_m)
-    assert json.loads(json.dumps(request.to_json(), allow_nan=False))["radius_m"] == str(radius_m)
+    request = RecognitionRequest(radius_m=radius_m, settings={"r_n": radius_m})
+    document = json.loads(json.dumps(request.to_json(), allow_nan=False))
+    assert (document["radius_m"], document["settings"]) == (str(radius_m), {"r_n": str(radius_m)})
     with pytest.raises(InvalidParametersError):
         request.check()

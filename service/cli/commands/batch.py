@@ -44,7 +44,7 @@ def add_batch_commands(commands: Commands) -> None:
         default=[],
         dest="settings",
         metavar="NAME=VALUE",
-        help="set a parameter of the method in place of its value for the radius, as r_cn=0.015; lengths in metres; "
+        help="set a parameter of the method in place of its value for the radius, as r_cn=0.013; lengths in metres; "
         "may be repeated",
     )
     add_config_option(recognise, "the gripper")
@@ -93,7 +93,7 @@ def _setting(text: str) -> tuple[str, float]:
     """Parse NAME=VALUE. The name is checked later, because the parameters are not imported for --help."""
     name, separator, value = text.partition("=")
     if not (separator and name):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in r_cn=0.015")
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in r_cn=0.013")
     try:
         number = float(value)
     except ValueError:
