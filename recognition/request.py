@@ -19,7 +19,7 @@ class RecognitionRequest:
     method: Method = "graph"
     """`matching` is the earlier method of the paper's authors, `enhanced` that of the paper, `graph` is ours."""
     radius_m: float | None = None
-    """Radius of the strings, metres. None: it is measured, which needs all views and doubles the computing time."""
+    """Radius of the strings, metres. None means that it is measured, which needs all views and doubles the time."""
     settings: Mapping[str, float] = field(default_factory=dict)
     """Parameter values by name, which replace those for the radius. The measurement of the radius ignores them."""
     gripper: Gripper = field(default_factory=Gripper)

@@ -36,7 +36,7 @@ class Surface:
     normals: Points
     """(N, 3) outward unit normals of the points."""
     support: SupportSurface
-    """What strings rest on: the table plane, and the height map of all used views."""
+    """The table plane and the height map of all used views, on which strings rest."""
     occlusion_map: OcclusionMap
     """Whole surface, from above and from the cameras. It also hides what is not in `points`."""
     clouds: tuple[NormalCloud, ...] = ()

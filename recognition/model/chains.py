@@ -50,7 +50,7 @@ class Chain:
     ends: tuple[End, End]
     """Kinds of the first and the last end."""
     written_lengths: WrittenLengths | None = None
-    """Arc lengths of the document from which the chain was read. None: they follow from `points`."""
+    """Arc lengths of the document from which the chain was read. None means that they follow from `points`."""
 
     @property
     def arc_length_m(self) -> NDArray[np.float64]:
