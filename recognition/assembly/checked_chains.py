@@ -24,7 +24,7 @@ class CheckedChains:
 
     chains: tuple[Chain, ...]
     """Chains in the order of their `id`."""
-    crossings: Sequence[Crossing]
+    crossings: tuple[Crossing, ...]
     """Crossings of the chains."""
     contact_findings: Sequence[Finding]
     """Findings on ends that may be joined to another end, or to the side of a strand."""
@@ -34,7 +34,7 @@ class CheckedChains:
     """(M, 3) points of each piece of that surface that belongs to no chain, metres, the largest piece first."""
 
 
-def check_chains(chains: Sequence[Chain], crossings: Sequence[Crossing], surface: Surface) -> CheckedChains:
+def check_chains(chains: Sequence[Chain], crossings: tuple[Crossing, ...], surface: Surface) -> CheckedChains:
     """Mark the ends at which the string may continue, or which may be joined to another strand.
 
     Args:

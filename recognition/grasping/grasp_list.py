@@ -58,7 +58,7 @@ def list_grasps(
     """
     if not grasps:
         return ()
-    described: list[Grasp] = []
+    described: list[_DescribedGrasp] = []
     for chain in chains:
         on_chain = [grasp for grasp in grasps if grasp.chain == chain.id]
         if on_chain:

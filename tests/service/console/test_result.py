@@ -259,7 +259,7 @@ def test_a_result_in_doubt_marks_all_strings_and_grasps(open_console: Open, cros
     grasps = page.get_by_role("button", name=re.compile("fingers .* in doubt$"))
     expect(grasps).to_have_count(5)
     grasps.first.click()
-    expect(page.locator(".label3d.marked")).to_contain_text("grasp 0opening")
+    expect(page.locator(".label3d.marked")).to_have_text("grasp 0")
 
 
 YELLOW, TABLE = (254, 232, 56), (211, 220, 227)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from universal_robots_clients import dashboard_client
 
+from cell.kinematics.ur_kinematics import forward
 from cell.simulation.ur_controller.launcher import RunningController
 from tests.cell.simulation.ur_controller import wheel
 from tests.cell.simulation.ur_controller.cell_log import HOME_Q_RAD, LogSince, wait_for
@@ -204,8 +205,8 @@ def test_the_safety_plane_stops_an_arm_below_it(controller: RunningController):
     )
     assert "below the plane at 0.400 m" in log.wait("safety")["details"]["cause"]
     log.wait("still")
-    # The arm brakes one or two cycles later.
-    assert controller.admin.pose()[2, 3] == pytest.approx(0.40, abs=0.05)
+    # The arm brakes one or two cycles later. A controller that comes late makes them up, so the arm is lower then.
+    assert forward("ur5e", below)[2, 3] + 0.01 < controller.admin.pose()[2, 3] < 0.40
     assert log.events("motion_done") == []
 
 
