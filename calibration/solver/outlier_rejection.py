@@ -29,6 +29,10 @@ MIN_EXCLUDED_VIEWS = 2
 """Minimum number of excluded views for which a free board scale is tried. A single view may be a chance outlier."""
 
 
+MAX_CHANGES_PER_VIEW = 2
+"""Maximum number of changes of the used views, for each view: it can be excluded and included again."""
+
+
 @dataclass(frozen=True, eq=False)
 class ConsistentSolution:
     """Solution from the inlier views and corners, with its cross-validation."""
@@ -77,10 +81,11 @@ def keep_consistent_views(problem: Problem, board_poses: BoardPoses, adjusted: A
     """
     inliers = _update_inliers(problem, adjusted, adjusted.inliers)
     cross_validation = cross_validate(problem, board_poses, adjusted)
-    for _ in range(2 * len(adjusted.used)):
+    for _ in range(MAX_CHANGES_PER_VIEW * len(adjusted.used)):
         used = _update_used(adjusted.used, cross_validation.squares)
         if (used == adjusted.used).all():
             break
+        # A view that was not used before starts without a robot error.
         robot_errors = np.where(used[:, None] & adjusted.used[:, None], adjusted.unknowns.robot_errors, 0.0)
         start = replace(adjusted.unknowns, robot_errors=robot_errors)
         adjusted = adjust(problem, start, used, inliers, adjusted.noise)

@@ -87,8 +87,8 @@ def fit_variance(strand: FittedStrand, scatter_m: float) -> NDArray[np.float64]:
 def bending_density(strand: FittedStrand, step: float) -> NDArray[np.float64]:
     """Return the spectral density (N,) of the curvature at each point, in each direction across the string, 1/m.
 
-    The mean squared curvature is that of the visible lengths near the point. That of the whole strand counts as one
-    more point, and is used where no visible length is near.
+    The mean squared curvature is that of the visible lengths near the point. The mean over the whole strand is added as
+    one sample, and is used alone where no visible length is near.
 
     Args:
         strand: Fitted strand with N points.

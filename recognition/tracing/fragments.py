@@ -146,9 +146,11 @@ def split_over_bare_table(fragments: Sequence[Fragment], occlusion_map: Occlusio
     for fragment in fragments:
         points = fragment.points
         following = np.roll(points, -1, axis=0)
-        cut = np.linalg.norm(following - points, axis=1) > MAX_DENSE_LINK_RADII * r
-        if cut.any():
-            cut[cut] = occlusion_map.occlusion((points[cut] + following[cut]) / 2, r).is_uncovered
+        is_long = np.linalg.norm(following - points, axis=1) > MAX_DENSE_LINK_RADII * r
+        cut = is_long.copy()
+        if is_long.any():
+            midpoints = (points[is_long] + following[is_long]) / 2
+            cut[is_long] = occlusion_map.occlusion(midpoints, r).is_uncovered
         parts += fragment.split(np.ones(len(points), dtype=bool), cut)
     return parts
 
