@@ -4,12 +4,16 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Self
+from functools import cache
+from typing import TYPE_CHECKING, Any, Self
 
 from recognition.errors import InvalidParametersError
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import METHODS, Method
 from recognition.parameters import ChainParameters, check_settings
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 
 @dataclass(frozen=True)
@@ -72,21 +76,20 @@ class RecognitionRequest:
         return replace(self, radius_m=ChainParameters.for_radius(radius_m).r)
 
     @classmethod
-    def from_json(cls, document: Mapping[str, Any]) -> Self:
+    def from_json(cls, document: Mapping[str, Any]) -> "RecognitionRequest":
         """Return the request of a document that `to_json` returned for a valid request.
 
         Raises:
             InvalidParametersError: A member is unknown, or has another type.
         """
-        # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
-        from pydantic import TypeAdapter, ValidationError
+        from pydantic import ValidationError
 
         names = [member.name for member in fields(cls)]
         for name in document:
             if name not in names:
                 raise InvalidParametersError(f"a request has no member {name!r}; its members are {', '.join(names)}")
         try:
-            return TypeAdapter(cls).validate_python(document)
+            return _validator().validate_python(document)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             member = ".".join(str(part) for part in first["loc"])
@@ -108,6 +111,15 @@ class RecognitionRequest:
             del document["all_grasps"]
         # Lists instead of tuples, as in a document that is read again.
         return json.loads(json.dumps(document))
+
+
+@cache
+def _validator() -> "TypeAdapter[RecognitionRequest]":
+    """Return the validator of documents. It is kept, because a list of scans reads a hundred requests."""
+    # Imported here, because pydantic takes a tenth of the time that `recognition` needs to load.
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(RecognitionRequest)
 
 
 def _json_number(value: float | None) -> float | str | None:
