@@ -15,6 +15,7 @@ from typing import Any
 import httpx2
 import pytest
 from fastapi import FastAPI
+from prometheus_client.parser import text_string_to_metric_families
 
 from cell.simulation.offline_scan import simulate, write_simulation
 from cell.simulation.rendering.depth_camera import camera_model
@@ -69,6 +70,7 @@ def check_problem(answer: httpx2.Response) -> None:
         check_declared(answer)
 
 
+MetricValues = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 Serve = Callable[..., AbstractContextManager[ServedClient]]
 
 
@@ -229,3 +231,15 @@ def wait_until(condition: Callable[[], bool], longest_pause_s: float = 0.02) -> 
         waited_s = time.monotonic() - begin
         assert waited_s < PATIENCE_S, "timeout"
         time.sleep(min(max(0.02, 0.1 * waited_s), longest_pause_s))
+
+
+def metric_values(client: httpx2.Client) -> MetricValues:
+    """Return all samples at `/metrics` by their name and labels."""
+    answer = client.get("/metrics")
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(answer.text)
+        for sample in family.samples
+    }

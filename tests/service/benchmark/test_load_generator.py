@@ -3,10 +3,9 @@
 import json
 
 import pytest
-from prometheus_client.parser import text_string_to_metric_families
 
 from service.benchmark.load_generator import Load, LoadRequest, content_length, run_load
-from tests.service.conftest import ServedClient, wait_until
+from tests.service.conftest import ServedClient, metric_values, wait_until
 
 
 def test_answers_and_streams_are_counted(client: ServedClient) -> None:
@@ -30,13 +29,12 @@ def test_answers_and_streams_are_counted(client: ServedClient) -> None:
     assert (results["let_in"], results["refused"]) == (4, 0)
 
 
-def answers(client: ServedClient, route: str) -> int:
+def answers(client: ServedClient, route: str) -> float:
     """Return how many requests of a route the service has answered, with any method and status."""
     return sum(
-        int(sample.value)
-        for family in text_string_to_metric_families(client.get("/metrics").text)
-        for sample in family.samples
-        if sample.name == "pointchain_http_requests_total" and sample.labels["route"] == route
+        value
+        for (name, labels), value in metric_values(client).items()
+        if name == "pointchain_http_requests_total" and ("route", route) in labels
     )
 
 

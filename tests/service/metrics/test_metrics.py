@@ -10,7 +10,6 @@ from typing import Any, get_args
 import httpx2
 import pytest
 from prometheus_client import CollectorRegistry
-from prometheus_client.parser import text_string_to_metric_families
 
 from cell.recording import RecordingWriter, read_recording
 from recognition.model.finding_types import FINDING_TYPES
@@ -19,38 +18,25 @@ from service.logs.request_time import arrival_time, request_arrival
 from service.metrics.scans import ScanMetrics
 from service.metrics.state import StoreSizes
 from service.processing.view_outcomes import ViewOutcome
-from tests.service.conftest import wait_until
+from tests.service.conftest import MetricValues, metric_values, wait_until
 
 Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 FINDINGS, VERDICTS, SCANS = "pointchain_findings_total", "pointchain_verdicts_total", "pointchain_scans_total"
-Values = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 
 
-def values(client: httpx2.Client) -> Values:
-    """Return all samples by their name and labels."""
-    answer = client.get("/metrics")
-    assert answer.status_code == 200
-    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
-    return {
-        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
-        for family in text_string_to_metric_families(answer.text)
-        for sample in family.samples
-    }
-
-
-def value(found: Values, name: str, **labels: str) -> float:
+def value(found: MetricValues, name: str, **labels: str) -> float:
     return found[name, tuple(sorted(labels.items()))]
 
 
 def test_a_scan_is_counted_with_its_stages_and_its_views(
     client: httpx2.Client, recording: str, finished: Finished
 ) -> None:
-    before = values(client)
+    before = metric_values(client)
     answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     scan = finished(client, answer.headers["location"])
     assert scan["state"] == "succeeded", scan["problem"]
     client.get(scan["links"]["preview"])  # it is ready only after the metrics of the scan are recorded
-    after = values(client)
+    after = metric_values(client)
 
     def increase(name: str, **labels: str) -> float:
         key = name, tuple(sorted(labels.items()))
@@ -72,11 +58,11 @@ def test_a_scan_is_counted_with_its_stages_and_its_views(
 
 
 def test_verdicts_and_findings_are_counted(client: httpx2.Client, recording: str, finished: Finished) -> None:
-    before = values(client)
+    before = metric_values(client)
     body = {"mode": "replay", "recording": recording, "string_radius_m": 0.006}  # the string has 4.2 mm
     scan = finished(client, client.post("/api/scans", json=body).headers["Location"])
     client.get(scan["links"]["preview"])  # it is ready only after the metrics of the scan are recorded
-    after = values(client)
+    after = metric_values(client)
     quality = client.get(scan["links"]["model"]).json()["quality"]
     expected = Counter((found["code"], found["severity"]) for found in quality["findings"])
     assert expected["radius-much-smaller", "doubt"] == expected["no-trusted-grasp", "note"] == 1
@@ -100,30 +86,30 @@ def test_a_failed_scan_has_no_verdict(
         for view in source.views:
             writer.write_view(view)
     uploaded = client.post("/api/recordings", content=(tmp_path / "nowhere.mcap").read_bytes()).json()["id"]
-    before = values(client)
+    before = metric_values(client)
     body = {"mode": "replay", "recording": uploaded}
     assert finished(client, client.post("/api/scans", json=body).headers["Location"])["state"] == "failed"
     failed = SCANS, (("mode", "replay"), ("outcome", "failed"))
-    wait_until(lambda: values(client).get(failed, 0.0) == before.get(failed, 0.0) + 1)
-    after = values(client)
+    wait_until(lambda: metric_values(client).get(failed, 0.0) == before.get(failed, 0.0) + 1)
+    after = metric_values(client)
     for name in (FINDINGS, VERDICTS):
         counted = [[count for (each, _), count in found.items() if each == name] for found in (before, after)]
         assert counted[0] == counted[1]
 
 
 def test_all_unknown_addresses_have_one_label(client: httpx2.Client) -> None:
-    before = len(values(client))
+    before = len(metric_values(client))
     for number in range(20):
         client.get(f"/api/nothing-{number}")
         client.request(f"WHAT{number}", "/api/scans")
-    after = values(client)
+    after = metric_values(client)
     labelled = [key for key in after if "nothing-" in str(key) or "WHAT" in str(key)]
     assert labelled == []
     assert len(after) - before < 100
 
 
 def test_the_current_state_is_reported(client: httpx2.Client) -> None:
-    found = values(client)
+    found = metric_values(client)
     state = client.get("/api/cell").json()["state"]
     assert value(found, "pointchain_cell_state", state=state) == 1
     assert sum(v for (name, _), v in found.items() if name == "pointchain_cell_state") == 1
@@ -145,9 +131,9 @@ def test_the_current_state_is_reported(client: httpx2.Client) -> None:
 
 
 def test_a_stop_is_timed_from_the_arrival_of_its_request(client: httpx2.Client) -> None:
-    before = values(client)
+    before = metric_values(client)
     assert client.post("/api/cell/stop").status_code == 200
-    after = values(client)
+    after = metric_values(client)
     assert value(after, "pointchain_stop_seconds_count") == value(before, "pointchain_stop_seconds_count") + 1
     with request_arrival() as at:
         assert arrival_time() == at
