@@ -118,7 +118,7 @@ class SimulatedCamera(CameraSettings):
     kind: Literal["simulated"] = "simulated"
     """Selects the simulated camera."""
     model: CameraName = "oak-d-pro"
-    """Model of the camera. `ideal` has no depth noise."""
+    """Model of the camera. `exact` has no depth noise."""
     scene: str = "figure-eight"
     """Name of the scene, as in `pointchain simulate`."""
     seed: int = Field(default=3, ge=0)

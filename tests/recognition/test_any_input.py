@@ -39,7 +39,7 @@ def test_any_images_and_poses_give_a_valid_model_or_a_refusal(kind: str, example
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=3)
+    return simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, views=3)
 
 
 @settings(ANY_INPUT, max_examples=12)

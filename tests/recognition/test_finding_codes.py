@@ -50,7 +50,7 @@ def line(start: tuple[float, float], end: tuple[float, float], z: float = R) -> 
 def scanned(*curves: Points, boxes: Sequence[Box] = (), views: int = 6) -> SimulatedScan:
     """Return a scan of strings and boxes without noise and pose errors, in coarse pixels."""
     scene = StringScene("codes", R, curves, tuple(boxes))
-    return simulate(scene, camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=views)
+    return simulate(scene, camera_model("exact", (320, 200)), 1, errors=NO_ERRORS, views=views)
 
 
 def findings_of(
@@ -77,7 +77,7 @@ def one_string() -> SimulatedScan:
 
 @cache
 def loop() -> SimulatedScan:
-    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS)
+    return simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, errors=NO_ERRORS)
 
 
 def with_view(scan: SimulatedScan, index: int, change: Callable[[View], View]) -> list[View]:
@@ -171,7 +171,7 @@ def fragmented() -> Sequence[Finding]:
 def post_beside_string() -> tuple[Finding, ...]:
     post = Rod((0.0, 0.06, 0.0), (0.0, 0.06, 0.06), R)
     scene = StringScene("codes", R, (line(*ALONG_X),), rods=(post,))
-    return findings_of(simulate(scene, camera_model("ideal"), 1, errors=NO_ERRORS))
+    return findings_of(simulate(scene, camera_model("exact"), 1, errors=NO_ERRORS))
 
 
 def string_into_box() -> Sequence[Finding]:
@@ -224,7 +224,7 @@ def lower_table(distance_m: float) -> Callable[[], Sequence[Finding]]:
     def provoke() -> Sequence[Finding]:
         T_base_table = from_rotation_vector((0, 0, -distance_m), (0, 0, 0))
         scene = StringScene("codes", R, (line(*ALONG_X),))
-        camera = camera_model("ideal", (320, 200))
+        camera = camera_model("exact", (320, 200))
         return findings_of(simulate(scene, camera, 1, errors=NO_ERRORS, views=6, T_base_table=T_base_table))
 
     return provoke

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=3)
+    return simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, views=3)
 
 
 @pytest.fixture(scope="module")
@@ -262,7 +262,7 @@ def test_the_results_of_the_stages_are_kept(scan: SimulatedScan, result: Callabl
 
 
 def test_a_scan_moved_on_the_table_gives_the_model_moved(table_1: ChainParameters) -> None:
-    exact = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=3)
+    exact = simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, errors=NO_ERRORS, views=3)
     T_moved = from_rotation_vector((0.3, -0.2, 0.0), (0, 0, 0.2))
     moved_views = [replace(view, T_base_flange=T_moved @ view.T_base_flange) for view in exact.views]
     before = recognise(exact.views, RecognitionRequest(radius_m=table_1.r), Scene()).model
@@ -322,7 +322,7 @@ def test_a_view_without_depth_is_excluded_and_reported(
 
 
 def test_a_single_view_gives_a_model_with_a_larger_sigma(table_1: ChainParameters) -> None:
-    camera = camera_model("ideal", (320, 200))
+    camera = camera_model("exact", (320, 200))
     scan = simulate(make_scene("loop", 1), camera, 1, views=3, workspace_half_m=0.12)
     shown = Scene(0.0, scan.header.workspace_m)
     all_views, one_view = (

@@ -20,7 +20,7 @@ R = 0.0042
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
     """A string that crosses itself."""
-    return simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 0, views=4)
+    return simulate(make_scene("loop", 2), camera_model("exact", (320, 200)), 0, views=4)
 
 
 class Watched(ChainParameters):

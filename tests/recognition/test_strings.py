@@ -21,7 +21,7 @@ PARAMETERS = ChainParameters.for_radius(0.0042)
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=3)
+    return simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, views=3)
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,7 @@ def _problems_are_observed(request: pytest.FixtureRequest) -> Iterator[None]:
 def recording_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a recording of four views without noise of one string in an arc."""
     path = tmp_path_factory.mktemp("recording") / "arc.mcap"
-    write_simulation(simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4), path)
+    write_simulation(simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4), path)
     return path
 
 

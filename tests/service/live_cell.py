@@ -110,7 +110,7 @@ def live_cell(
     time_factor: float = 20.0,
     scene: str = "figure-eight",
     seed: int = 0,
-    model: CameraName = "ideal",
+    model: CameraName = "exact",
     **settings: Any,
 ) -> Iterator[LiveCell]:
     """Yield a service with a fast simulated cell at a free loopback address."""

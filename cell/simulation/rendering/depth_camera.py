@@ -77,7 +77,7 @@ CAMERAS = {
         _preset("oak-d-sr", StereoNoise(763.0, 0.020, hole_share=0.03)),
         _preset("oak-d-pro", StereoNoise(805.0, 0.075, hole_share=0.02)),
         _preset("oak-d-pro-measured", StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED)),
-        _preset("ideal", None),
+        _preset("exact", None),
     )
 }
 """Presets of cameras. oak-d-sr has a baseline of 20 mm and all pixels; oak-d-pro has 75 mm, extended disparity and

@@ -39,7 +39,7 @@ from tests.cell.loopback import free_host
 
 pytestmark = pytest.mark.xdist_group("cell")  # one at a time, because each test runs several busy processes
 
-SETTINGS = SimulatedCamera(model="ideal", errors=0.0, scene="straight", fps=50.0)
+SETTINGS = SimulatedCamera(model="exact", errors=0.0, scene="straight", fps=50.0)
 
 
 SOON_S = 3.0
@@ -48,7 +48,7 @@ SOON_S = 3.0
 
 def small_world() -> SimulatedWorld:
     world = simulated_world(CellSettings(camera=SETTINGS))
-    return replace(world, camera=camera_model("ideal", (160, 100)))
+    return replace(world, camera=camera_model("exact", (160, 100)))
 
 
 def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.float64]:
@@ -107,7 +107,7 @@ def camera(one_camera: LiveCamera, world: SimulatedWorld, flange: FlangeFile) ->
 
 def test_the_camera_returns_its_description(camera: LiveCamera, world: SimulatedWorld) -> None:
     info = camera.info()
-    assert (info.product, info.device_id) == ("simulated ideal", world.camera_id)
+    assert (info.product, info.device_id) == ("simulated exact", world.camera_id)
     assert (info.width, info.height, info.connection, info.warnings) == (160, 100, "simulated", ())
 
 

@@ -343,7 +343,7 @@ from cell.config.cell_config import CellSettings
 from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import simulated_world
 
-settings = CellSettings(camera=SimulatedCamera(model="ideal", fps=60.0))
+settings = CellSettings(camera=SimulatedCamera(model="exact", fps=60.0))
 T_base_flange = np.diag([1.0, -1.0, -1.0, 1.0])
 T_base_flange[:3, 3] = 0.36, 0.0, 0.6
 driver = OakDriver(
@@ -390,8 +390,8 @@ def test_a_link_that_breaks_while_opening_is_reported() -> None:
 
 @pytest.fixture(scope="module")
 def world() -> SimulatedWorld:
-    exact = simulated_world(CellSettings(camera=SimulatedCamera(model="ideal", errors=0.0, scene="straight")))
-    return replace(exact, camera=camera_model("ideal", (160, 100)))
+    exact = simulated_world(CellSettings(camera=SimulatedCamera(model="exact", errors=0.0, scene="straight")))
+    return replace(exact, camera=camera_model("exact", (160, 100)))
 
 
 def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.float64]:
@@ -400,7 +400,7 @@ def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.
 
 @contextmanager
 def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
-    settings = SimulatedCamera(model="ideal", fps=50.0)
+    settings = SimulatedCamera(model="exact", fps=50.0)
     result = OakDriver(settings, lambda: open_simulated(settings, world, lambda: pose))
     try:
         yield result

@@ -75,7 +75,7 @@ class RecordingListener:
 
 
 def simulated(time_factor: float = 20.0, **camera: Any) -> CellSettings:
-    quick: dict[str, Any] = {"model": "ideal", "fps": 30.0, "exposures": 1, "settle_s": 0.0}
+    quick: dict[str, Any] = {"model": "exact", "fps": 30.0, "exposures": 1, "settle_s": 0.0}
     return CellSettings(
         arm=SimulatedArm(time_factor=time_factor, watchdog_hz=1.0), camera=SimulatedCamera(**quick | camera)
     )

@@ -61,7 +61,7 @@ def test_impossible_numbers_of_views_are_rejected(scene: StringScene, views: int
 
 def test_the_workspace_contains_the_strings() -> None:
     wide = make_scene("straight", 0, length_m=0.7)
-    header = simulate(wide, camera_model("ideal", (32, 20)), seed=0, views=1).header
+    header = simulate(wide, camera_model("exact", (32, 20)), seed=0, views=1).header
     assert header.workspace_m is not None
     box = np.array(header.workspace_m)
     assert (wide.curves[0] > box[:, 0]).all()

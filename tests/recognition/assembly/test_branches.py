@@ -46,7 +46,7 @@ def chain(number: int, points: NDArray[np.float64], ends: tuple[End, End] = FREE
 
 def captured(*curves: NDArray[np.float64]) -> list[NormalCloud]:
     """Return six views of strings without noise."""
-    camera = DepthCamera(camera_model("ideal"), StringScene("hand-made", R, curves))
+    camera = DepthCamera(camera_model("exact"), StringScene("hand-made", R, curves))
     clouds = []
     for k in range(6):
         T = look_at(np.zeros(3), np.radians(60 * k), np.radians(50), 0.5, 0.0)

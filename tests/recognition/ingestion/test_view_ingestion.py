@@ -23,7 +23,7 @@ from recognition.registration.correspondences import Correspondences, compared_v
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=3)
+    return simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=3)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_each_view_is_paired_with_those_before_it(scan: SimulatedScan, scene: Sc
 
 
 def test_a_further_view_is_paired_with_the_nearest_of_those_before_it(table_1: ChainParameters) -> None:
-    scan = simulate(make_scene("arc", 1), camera_model("ideal", (160, 100)), 1, views=12)
+    scan = simulate(make_scene("arc", 1), camera_model("exact", (160, 100)), 1, views=12)
     arrived = [scan.views[k] for k in np.random.default_rng(0).permutation(12)]
     ingested = ingest_views(arrived, table_1, Scene(0.0, scan.header.workspace_m))
     assert [cloud.view for cloud in ingested.clouds] == [view.index for view in arrived]

@@ -31,7 +31,7 @@ BOX = Box((0.05, -0.10), (0.04, 0.02, 0.003), 0.0)
 
 @pytest.fixture(scope="module")
 def scan() -> tuple[tuple[View, ...], Scene]:
-    scan = simulate(replace(STRING, boxes=(BOX,)), camera_model("ideal"), 1, PoseErrors().scaled(0.0), views=3)
+    scan = simulate(replace(STRING, boxes=(BOX,)), camera_model("exact"), 1, PoseErrors().scaled(0.0), views=3)
     return scan.views, Scene(scan.header.table_z_m, scan.header.workspace_m)
 
 

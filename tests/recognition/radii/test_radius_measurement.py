@@ -23,7 +23,7 @@ WITHIN = 0.05
 
 
 def scan_of(scene: StringScene) -> SimulatedScan:
-    return simulate(scene, camera_model("ideal", (320, 200)), 1, views=3)
+    return simulate(scene, camera_model("exact", (320, 200)), 1, views=3)
 
 
 def strings(*lengths_and_radii: tuple[float, float], boxes: tuple[Box, ...] = ()) -> StringScene:

@@ -34,7 +34,7 @@ def arc(length_m: float, bend_m: float, y: float, r: float) -> NDArray[np.float6
 
 
 def scan_of(scene: StringScene) -> SimulatedScan:
-    return simulate(scene, camera_model("ideal"), 1, views=4)
+    return simulate(scene, camera_model("exact"), 1, views=4)
 
 
 def model_of(

@@ -27,7 +27,7 @@ def straight(start: tuple[float, float], end: tuple[float, float], z: float = R)
     return np.column_stack([np.linspace(start, end, 101), np.full(101, z)])
 
 
-def views(curves: list[np.ndarray], model: str = "ideal") -> list[NormalCloud]:
+def views(curves: list[np.ndarray], model: str = "exact") -> list[NormalCloud]:
     """Capture four steep views from as far as the camera sees strings."""
     camera = DepthCamera(camera_model(model), StringScene("hand-made", R, tuple(curves)))
     clouds = []
@@ -44,7 +44,7 @@ def line_from(x: float, to: float = 0.1) -> np.ndarray:
     return np.column_stack([points, np.zeros_like(points), np.full_like(points, R)])
 
 
-@pytest.mark.parametrize("model", ["ideal", "oak-d-pro"])
+@pytest.mark.parametrize("model", ["exact", "oak-d-pro"])
 @pytest.mark.parametrize("start", [-1.2, -0.5, 0.0, 0.5, 1.2])
 def test_a_line_ends_within_half_a_pixel_of_the_string(model: str, start: float) -> None:
     seen = views([straight((0, 0), (0.1, 0))], model)
@@ -127,7 +127,7 @@ def test_the_line_away_from_the_end_counts_as_another_strand(arc: Callable) -> N
 @pytest.mark.parametrize("seen_from", [0.0, 90.0, 180.0])
 def test_the_end_face_does_not_extend_the_line(seen_from: float) -> None:
     # A low camera sees the end face (180 degrees), only the side (90), or only the other side of the end (0).
-    camera = DepthCamera(camera_model("ideal"), StringScene("hand-made", R, (straight((0, 0), (0.1, 0)),)))
+    camera = DepthCamera(camera_model("exact"), StringScene("hand-made", R, (straight((0, 0), (0.1, 0)),)))
     T = look_at(np.zeros(3), np.radians(seen_from), np.radians(50), 0.4, 0.0)
     image = Image(camera.capture(T, np.random.default_rng(0)), camera.model.depth_unit_m, camera.model.K, T, 0)
     cloud = NormalCloud(0, np.empty((0, 3)), np.empty((0, 3)), np.eye(4), T, image)

@@ -222,7 +222,7 @@ def apart(twists: np.ndarray) -> float:
 
 
 def test_a_calibration_that_has_drifted_is_a_finding(table_1: ChainParameters) -> None:
-    scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, errors=NO_ERRORS, views=6)
+    scan = simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, errors=NO_ERRORS, views=6)
     scene = Scene(0.0, scan.header.workspace_m)
     for drift_m, turn_rad, has_drifted in (
         (0.0007, 0.0, False),

@@ -26,7 +26,7 @@ ERROR: Document = {"schema": "pointchain/2", "error": {"type": "urn:pointchain:n
 @pytest.fixture(scope="module")
 def knot() -> Document:
     """Return the model of an overhand knot: one chain, three crossings."""
-    scan = simulate(make_scene("overhand-knot", 3), camera_model("ideal", (640, 400)), 3)
+    scan = simulate(make_scene("overhand-knot", 3), camera_model("exact", (640, 400)), 3)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, RecognitionRequest(radius_m=0.0042), scene).model
     return json.loads(json.dumps(model.to_json()))

@@ -15,7 +15,7 @@ from service.cli.main import main
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("set") / "paper.mcap"
-    write_simulation(simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 0, views=4), path)
+    write_simulation(simulate(make_scene("loop", 2), camera_model("exact", (320, 200)), 0, views=4), path)
     return path
 
 

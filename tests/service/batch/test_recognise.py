@@ -36,7 +36,7 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("batch")
     (folder / "deeper").mkdir()
     for seed in range(RECORDINGS):
-        scan = simulate(make_scene("random", seed), camera_model("ideal", (320, 200)), seed, views=4)
+        scan = simulate(make_scene("random", seed), camera_model("exact", (320, 200)), seed, views=4)
         write_simulation(scan, folder / ("deeper" if seed == 0 else "") / f"random-{seed}.mcap")
     whole = (folder / "random-1.mcap").read_bytes()
     (folder / "damaged.mcap").write_bytes(whole[: len(whole) // 20])
@@ -344,7 +344,7 @@ def wait_until(condition: Callable[[], bool]) -> None:
 
 
 def test_an_unused_view_is_reported_with_its_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scan = simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 2, views=6)
+    scan = simulate(make_scene("loop", 2), camera_model("exact", (320, 200)), 2, views=6)
     moved = from_rotation_vector((0.03, 0.0, 0.0), (0.0, 0.0, 0.0))
     views = [
         dataclasses.replace(view, T_base_flange=moved @ view.T_base_flange) if view.index == 3 else view

@@ -34,7 +34,7 @@ def probed(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> SimulatedScan:
     """Replace the scans of the tiers by a small one, and recognise it in this process."""
-    scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
+    scan = simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4)
     monkeypatch.setattr("cell.simulation.cases.simulate", lambda case: scan)
     monkeypatch.setattr("cell.simulation.benchmark.accuracy.map_in_processes", lambda work, items, _: map(work, items))
     return scan

@@ -60,7 +60,7 @@ def test_recognise_prints_nothing_else_for_an_accepted_model(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / "arc.mcap"
-    write_simulation(simulate(make_scene("arc", 3), camera_model("ideal", (320, 200)), 3, views=4), path)
+    write_simulation(simulate(make_scene("arc", 3), camera_model("exact", (320, 200)), 3, views=4), path)
     code, (model,), err = run(capsys, "recognise", path)
     assert (code, err) == (0, "")
     assert model["quality"]["verdict"] == "accept"

@@ -189,7 +189,7 @@ def cell(shared_cell: Cell) -> Iterator[Cell]:
 def crossed(serve: Serve, finished: Finished, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedClient]:
     """A service with one scan, whose string has one crossing."""
     file = tmp_path_factory.mktemp("recording") / "eight.mcap"
-    write_simulation(simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=6), file)
+    write_simulation(simulate(make_scene("figure-eight", 1), camera_model("exact", (320, 200)), 1, views=6), file)
     with serve(tmp_path_factory.mktemp("data")) as client:
         recording = client.post("/api/recordings", content=file.read_bytes()).json()["id"]
         answer = client.post("/api/scans", json={"mode": "replay", "recording": recording})

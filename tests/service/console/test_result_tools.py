@@ -301,7 +301,7 @@ def test_a_view_picture_shows_its_camera_and_its_quality(open_console: Open, cro
 
 def scanned(client: ServedClient, scene: StringScene, file: Path, finished: Finished) -> dict[str, Any]:
     """Simulate views of a scene, and return the scan that recognises them."""
-    write_simulation(simulate(scene, camera_model("ideal", (320, 200)), 1, views=6), file)
+    write_simulation(simulate(scene, camera_model("exact", (320, 200)), 1, views=6), file)
     recording = client.post("/api/recordings", content=file.read_bytes()).json()["id"]
     started = client.post("/api/scans", json={"mode": "replay", "recording": recording})
     return finished(client, started.headers["Location"])

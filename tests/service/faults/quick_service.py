@@ -98,7 +98,7 @@ def _serve(data: Path, retention: bool, host: str, listening: socket.socket) -> 
     settings = {
         "data_dir": data,
         "retention": {"max_bytes": 2 << 20} if retention else {},
-        "camera": SimulatedCamera(model="ideal", fps=30.0, exposures=1, settle_s=0.0),
+        "camera": SimulatedCamera(model="exact", fps=30.0, exposures=1, settle_s=0.0),
     }
     if host != "-":
         settings["arm"] = SimulatedArm(host=host, time_factor=20.0, watchdog_hz=1.0)

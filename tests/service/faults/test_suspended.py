@@ -39,7 +39,7 @@ def test_the_watchdog_stops_the_arm_and_nothing_resumes(
         "POINTCHAIN_ARM__HOST": host,
         "POINTCHAIN_ARM__TIME_FACTOR": str(TIME_FACTOR),
         "POINTCHAIN_ARM__WATCHDOG_HZ": str(WATCHDOG_HZ),
-        "POINTCHAIN_CAMERA__MODEL": "ideal",
+        "POINTCHAIN_CAMERA__MODEL": "exact",
         "POINTCHAIN_CAMERA__EXPOSURES": "1",
     }
     with process(tmp_path / "data", tmp_path / "log", **variables) as (service, client):

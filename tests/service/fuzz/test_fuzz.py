@@ -49,7 +49,7 @@ def test_the_service_with_a_cell_matches_its_description(
     examples = int(os.environ.get("FUZZ_EXAMPLES", str(EXAMPLES)))
     settings = {
         "arm": SimulatedArm(host=free_host(), time_factor=100.0, watchdog_hz=1.0),
-        "camera": SimulatedCamera(model="ideal", **FAST),
+        "camera": SimulatedCamera(model="exact", **FAST),
     }
     fuzz(serve, recording_file, finished, tmp_path, settings, examples)
 

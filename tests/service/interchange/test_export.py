@@ -27,7 +27,7 @@ from service.processing.results import recognise_recording
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scan") / "several.mcap"
-    write_simulation(simulate(make_scene("several", 1), camera_model("ideal", (320, 200)), 1, views=4), path)
+    write_simulation(simulate(make_scene("several", 1), camera_model("exact", (320, 200)), 1, views=4), path)
     return path
 
 

@@ -26,7 +26,7 @@ Points = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
     """Return a scan of a crossing from eight sides without noise."""
-    return simulate(make_scene("loop", 2), camera_model("ideal", (320, 200)), 2, NO_ERRORS)
+    return simulate(make_scene("loop", 2), camera_model("exact", (320, 200)), 2, NO_ERRORS)
 
 
 @pytest.fixture(scope="module")

@@ -45,7 +45,7 @@ def columns_of(path: Path) -> str:
 
 
 def test_rerun_opens_recordings_and_results(tmp_path: Path) -> None:
-    scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=3)
+    scan = simulate(make_scene("loop", 1), camera_model("exact", (320, 200)), 1, views=3)
     model = recognise_views(
         scan.views, scan.header, (), RecognitionRequest(radius_m=scan.header.string_radius_m)
     ).model.to_json()

@@ -32,7 +32,7 @@ GROWTH_BYTES = 8 << 20
 def test_scans_in_a_row_leak_nothing(serve: Serve, tmp_path: Path, scans: int) -> None:
     host, before = free_host(), processes()
     arm = SimulatedArm(host=host, time_factor=50.0, watchdog_hz=1.0)
-    camera = SimulatedCamera(model="ideal", fps=60.0, exposures=1, settle_s=0.0)
+    camera = SimulatedCamera(model="exact", fps=60.0, exposures=1, settle_s=0.0)
     with serve(tmp_path / "data", arm=arm, camera=camera) as client:
         warm: dict[int, int] = {}
         for number in range(scans):

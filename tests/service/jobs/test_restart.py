@@ -89,7 +89,7 @@ def test_a_kill_during_a_live_scan_keeps_its_views(tmp_path: Path) -> None:
         "POINTCHAIN_ARM__HOST": host,
         "POINTCHAIN_ARM__TIME_FACTOR": "5",
         "POINTCHAIN_ARM__WATCHDOG_HZ": "1",
-        "POINTCHAIN_CAMERA__MODEL": "ideal",
+        "POINTCHAIN_CAMERA__MODEL": "exact",
         "POINTCHAIN_CAMERA__FPS": "30",
         "POINTCHAIN_CAMERA__EXPOSURES": "1",
     }

@@ -74,7 +74,7 @@ def test_views_of_two_scenes_contradict_each_other(client: ServedClient, tmp_pat
     views: list[View] = []
     for number in (1, 2):
         path = tmp_path / f"{number}.mcap"
-        write_simulation(simulate(make_scene("arc", number), camera_model("ideal", (320, 200)), 1, views=2), path)
+        write_simulation(simulate(make_scene("arc", number), camera_model("exact", (320, 200)), 1, views=2), path)
         views += read_recording(path).views
     content = recording_of(tmp_path / "mixed.mcap", views, 0.0042)
     assert finished(client, replay(client, upload(client, content)))["state"] == "failed"

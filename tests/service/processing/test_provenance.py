@@ -22,7 +22,7 @@ from service.processing.results import Source, recognise_recording
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
+    return simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4)
 
 
 def written(scan: SimulatedScan, path: Path, stamps: float | None = None, **changes: object) -> Path:

@@ -30,7 +30,7 @@ NAMES = {
 def scan(request: pytest.FixtureRequest) -> Any:
     """Return a scan with one crossing, and a scan with several."""
     crossings = 3 if request.param == "coil" else None
-    return simulate(make_scene(request.param, 1, crossings=crossings), camera_model("ideal", (320, 200)), 1, views=4)
+    return simulate(make_scene(request.param, 1, crossings=crossings), camera_model("exact", (320, 200)), 1, views=4)
 
 
 def recognise_scan(scan: Any, method: Method) -> Recognition:
@@ -80,7 +80,7 @@ def visible_texts(figure: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def test_the_close_up_has_the_labels_of_the_strands_inside_its_frame() -> None:
-    scan = simulate(make_scene("figure-eight", 1), camera_model("ideal", (320, 200)), 1, views=4)
+    scan = simulate(make_scene("figure-eight", 1), camera_model("exact", (320, 200)), 1, views=4)
     model = recognise_scan(scan, "graph")
     assert len(model.model.crossings) == 1
     *_, (name, figure) = stage_figures(model, scan.truth)
@@ -107,7 +107,7 @@ def test_pictures_are_numbered_and_replace_those_of_another_method(scan: Any, tm
 
 
 def test_a_scan_without_a_string_has_the_pictures_that_were_reached(tmp_path: Path) -> None:
-    scan = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
+    scan = simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4)
     beside = Scene(scan.header.table_z_m, ((-0.2, -0.12), (-0.2, -0.12), (0.0, 0.1)))
     recognition = recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), beside)
     assert recognition.model.chains == ()

@@ -48,7 +48,7 @@ class World:
         host = free_host()
         # On a busy machine, a thread may wait for longer than the default watchdog allows, so its rate is 1 Hz.
         arm = SimulatedArm(host=host, time_factor=50.0, watchdog_hz=1.0)
-        camera = SimulatedCamera(model="ideal", **FAST)
+        camera = SimulatedCamera(model="exact", **FAST)
         self.motion.states.append((time.monotonic(), "not_ready"))
         self.client = self._opened.enter_context(
             self._serve(self._data, arm=arm, camera=camera, scan={"views": 3, "min_views": 2})

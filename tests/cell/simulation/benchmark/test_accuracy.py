@@ -18,7 +18,7 @@ from recognition.model.model import METHODS
 
 
 def simulated(views: int) -> SimulatedScan:
-    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, NO_ERRORS, views=views)
+    return simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, NO_ERRORS, views=views)
 
 
 def make_score(**changes: Any) -> Score:

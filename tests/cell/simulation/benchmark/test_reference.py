@@ -27,7 +27,7 @@ def strand(start: tuple[float, float], end: tuple[float, float], width_m: float 
 
 def test_the_baseline_finds_a_string_in_views_without_noise() -> None:
     scene = make_scene("arc", 1)
-    scan = simulate(scene, camera_model("ideal", (240, 150)), 1, NO_ERRORS, views=4)
+    scan = simulate(scene, camera_model("exact", (240, 150)), 1, NO_ERRORS, views=4)
     chains = recognise_literally(scan.views, PARAMETERS, Scene(scan.header.table_z_m, scan.header.workspace_m))
     model = {"chains": [{"id": k, "points": chain} for k, chain in enumerate(chains)], "crossings": []}
     result = score(model, scan.truth)

@@ -28,7 +28,7 @@ def flange_looking_at(world: SimulatedWorld, azimuth_rad: float = 0.4) -> NDArra
 
 
 def test_the_depth_image_shows_the_strings_at_their_true_positions() -> None:
-    world = small_world(model="ideal", errors=0.0)
+    world = small_world(model="exact", errors=0.0)
     T_base_flange = flange_looking_at(world)
     z = FrameSource(world).render_depth(T_base_flange) * world.camera.depth_unit_m
     v, u = np.indices(z.shape)
@@ -92,7 +92,7 @@ def test_a_repeated_pose_has_the_same_fixed_errors() -> None:
 
 
 def test_the_reported_pose_has_the_error_of_the_arm() -> None:
-    exact, wrong = (small_world(model="ideal", errors=errors) for errors in (0.0, 20.0))
+    exact, wrong = (small_world(model="exact", errors=errors) for errors in (0.0, 20.0))
     T_base_flange = flange_looking_at(exact)
     a, b = (FrameSource(world).render_depth(T_base_flange).astype(np.int64) for world in (exact, wrong))
     shift_counts = np.median(np.abs(a - b)[(a > 0) & (b > 0)])
@@ -101,7 +101,7 @@ def test_the_reported_pose_has_the_error_of_the_arm() -> None:
 
 
 def test_the_intensity_image_shows_the_same_surfaces_as_the_depth_image() -> None:
-    world = small_world(model="ideal", errors=0.0)
+    world = small_world(model="exact", errors=0.0)
     T_base_flange = flange_looking_at(world)
     source = FrameSource(world)
     picture = source.render_intensity(T_base_flange).astype(float)

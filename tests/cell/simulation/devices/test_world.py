@@ -114,7 +114,7 @@ def test_the_same_seed_gives_the_calibration_and_bias_of_a_simulated_recording()
     other = simulated_world(settings(model="oak-d-pro", scene="straight", seed=8))
     assert other.bias_px != world.bias_px
     assert abs(world.bias_px) < 4 * 0.1
-    assert simulated_world(settings(model="ideal", scene="straight", seed=7)).bias_px == 0.0
+    assert simulated_world(settings(model="exact", scene="straight", seed=7)).bias_px == 0.0
 
 
 def test_the_nominal_hand_eye_calibration_has_the_id_of_its_camera() -> None:
@@ -138,7 +138,7 @@ def test_impossible_worlds_are_rejected() -> None:
 
 
 def test_the_settings_have_the_id_of_the_simulated_camera() -> None:
-    for camera in (settings(), settings(model="ideal", seed=5)):
+    for camera in (settings(), settings(model="exact", seed=5)):
         assert camera.camera_id == simulated_world(camera).camera_id
 
 

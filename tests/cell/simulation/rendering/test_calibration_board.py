@@ -20,7 +20,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 pytestmark = pytest.mark.slow
 
 
-def world_with(board: Board, model: CameraName = "ideal", size: tuple[int, int] = (640, 400)) -> SimulatedWorld:
+def world_with(board: Board, model: CameraName = "exact", size: tuple[int, int] = (640, 400)) -> SimulatedWorld:
     """Return a world with a board and without errors of arm and calibration."""
     world = simulated_world(CellSettings(camera=SimulatedCamera(model=model, errors=0.0)))
     return replace(world, camera=camera_model(model, size)).with_board(board)

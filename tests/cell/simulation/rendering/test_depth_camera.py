@@ -28,7 +28,7 @@ def line_distance(points: NDArray, curve: NDArray) -> NDArray[np.float64]:
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.3, np.deg2rad(50)), (2.5, np.deg2rad(70))])
 def test_exact_depth_lies_on_string_and_table(azimuth: float, elevation: float) -> None:
     scene = make_scene("figure-eight", 3)
-    model = camera_model("ideal", SMALL)
+    model = camera_model("exact", SMALL)
     T = look_at(np.zeros(3), azimuth, elevation, 0.3, 0.2)
     camera = DepthCamera(model, scene)
     counts = camera.capture(T, np.random.default_rng(0))
@@ -49,7 +49,7 @@ def test_exact_depth_lies_on_string_and_table(azimuth: float, elevation: float) 
 
 def test_strings_end_where_their_curves_end() -> None:
     scene = make_scene("straight", 0)
-    model = camera_model("ideal", SMALL)
+    model = camera_model("exact", SMALL)
     T = look_at(np.zeros(3), 0.0, np.deg2rad(70), 0.5, 0.0)
     depth, string = DepthCamera(model, scene).render(T)
     along = base_points(depth, model.K, T)[string == 0] @ (scene.curves[0][-1] - scene.curves[0][0]) / 0.4
@@ -64,7 +64,7 @@ def test_strings_end_where_their_curves_end() -> None:
 def test_boxes_stand_on_the_table() -> None:
     box = Box((0.05, -0.02), (0.04, 0.03, 0.025), 0.4)
     scene = StringScene("box", 0.004, make_scene("straight", 0, radius_m=0.004, length_m=0.06).curves, (box,))
-    model = camera_model("ideal", SMALL)
+    model = camera_model("exact", SMALL)
     # Nearly from straight above, only the top of the box is visible.
     T = look_at(np.array([0.05, -0.02, 0.0]), 0.0, np.deg2rad(89.9), 0.4, 0.0)
     depth, string = DepthCamera(model, scene).render(T)
@@ -109,11 +109,11 @@ def test_impossible_resolutions_are_rejected(resolution: tuple[int, int]) -> Non
 
 
 def test_unknown_cameras_are_rejected() -> None:
-    with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, oak-d-pro-measured, ideal"):
+    with pytest.raises(CameraModelError, match="known are oak-d-sr, oak-d-pro, oak-d-pro-measured, exact"):
         camera_model("kinect")
 
 
 def test_a_mirrored_pose_is_rejected() -> None:
-    camera = DepthCamera(camera_model("ideal", (32, 20)), make_scene("straight", 0))
+    camera = DepthCamera(camera_model("exact", (32, 20)), make_scene("straight", 0))
     with pytest.raises(NotRigidError):
         camera.render(np.diag([1.0, 1.0, -1.0, 1.0]))

@@ -145,7 +145,7 @@ def test_each_string_is_rendered_with_its_radius() -> None:
     scene = StringScene("two", thick, curves, radii_m=(thick, thin))
     # With views from all sides, the highest measured point of a string is its top. Depths have a unit of 0.1 mm.
     points = []
-    for view in simulate(scene, camera_model("ideal", (320, 200)), 0, views=4).views:
+    for view in simulate(scene, camera_model("exact", (320, 200)), 0, views=4).views:
         v, u = np.nonzero(view.depth)
         rays = np.column_stack([u, v, np.ones(len(u))]) @ np.linalg.inv(view.K).T
         camera = rays * view.depth[v, u, None] * view.depth_unit_m

@@ -107,7 +107,7 @@ def test_a_string_beside_a_plate_leans_on_its_edge() -> None:
 def test_plates_and_bars_are_seen_at_their_height() -> None:
     for kind in ("plate", "bar"):
         scene = make_scene(kind, 2)
-        camera = camera_model("ideal", (320, 200))
+        camera = camera_model("exact", (320, 200))
         T = np.diag([1.0, -1.0, -1.0, 1.0])
         T[2, 3] = 0.5
         surfaces = DepthCamera(camera, scene).surfaces(T)

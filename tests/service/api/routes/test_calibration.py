@@ -33,7 +33,7 @@ from tests.service.security.conftest import without_recognition
 Problem = Callable[[httpx2.Response, int, str], str]
 
 RUNS = "/api/calibration/runs"
-CAMERA = SimulatedCamera(model="ideal")
+CAMERA = SimulatedCamera(model="exact")
 DRIFTED = np.array([0.0, 0.0, 0.0, 0.0, 0.004, 0.0])
 
 REFUSED: dict[str, Any] = {

@@ -25,7 +25,7 @@ Finished = Callable[[httpx2.Client, str], dict[str, Any]]
 def later(client: ServedClient, tmp_path_factory: pytest.TempPathFactory, finished: Finished) -> dict[str, Any]:
     """A scan of two strings."""
     path: Path = tmp_path_factory.mktemp("several") / "several.mcap"
-    write_simulation(simulate(make_scene("several", 4), camera_model("ideal", (320, 200)), 4, views=4), path)
+    write_simulation(simulate(make_scene("several", 4), camera_model("exact", (320, 200)), 4, views=4), path)
     return finished(client, start(client, upload(client, path)))
 
 

@@ -33,7 +33,7 @@ def fast_cell(folder: Path, host: str, time_factor: float = 20.0) -> Path:
     path = folder / "cell.toml"
     path.write_text(
         f"data_dir = '{folder / 'data'}'\n[arm]\nhost = '{host}'\ntime_factor = {time_factor}\nwatchdog_hz = 1.0\n"
-        "[camera]\nmodel = 'ideal'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n"
+        "[camera]\nmodel = 'exact'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n"
     )
     return path
 

@@ -37,7 +37,7 @@ def scanning(folder: Path, host: str, time_factor: float, *options: str) -> Iter
     """Run `pointchain scan scan.mcap` in `folder`, with a fast simulated cell."""
     (folder / "cell.toml").write_text(
         f"[arm]\nhost = '{host}'\ntime_factor = {time_factor}\nwatchdog_hz = 1.0\n"
-        "[camera]\nmodel = 'ideal'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n[scan]\nstring_radius_m = 0.0042\n"
+        "[camera]\nmodel = 'exact'\nfps = 30\nexposures = 1\nsettle_s = 0.0\n[scan]\nstring_radius_m = 0.0042\n"
     )
     command = [sys.executable, "-c", "import sys; from service.cli.main import main; sys.exit(main(sys.argv[1:]))"]
     command += ["scan", str(folder / "scan.mcap"), "--config", str(folder / "cell.toml"), *options]
