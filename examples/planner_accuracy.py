@@ -38,7 +38,7 @@ def judge(case: Case) -> tuple[bool, str, bool]:
     """Return whether the model of a case is right, its verdict, and whether the planner acts or finds nothing to do."""
     name, boxes, seed = case
     scene = make_scene(name, seed, clutter=boxes)
-    scan = simulate(scene, camera_model("oak-d-pro"), seed)
+    scan = simulate(scene, camera_model("ideal"), seed)
     parameters = ChainParameters.for_radius(scene.radius_m)
     document = recognise(
         scan.views, RecognitionRequest(radius_m=parameters.r), Scene(workspace_m=scan.header.workspace_m)

@@ -47,7 +47,7 @@ FORMS = (
 
 def scan_of(seed: int, form: Form) -> SimulatedScan:
     """Return eight views of a random string of 0.4 m with up to two crossings."""
-    camera = camera_model("oak-d-pro")
+    camera = camera_model("ideal")
     scene = make_scene("random", seed, crossings=seed % 3)
     return simulate(scene, camera if form.noise else replace(camera, noise=None), seed, form.errors)
 

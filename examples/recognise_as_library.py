@@ -43,7 +43,7 @@ class MyView:
 
 def my_views() -> list[MyView]:
     """Return eight simulated views of an overhand knot."""
-    scan = simulate(make_scene("overhand-knot", seed=3), camera_model("oak-d-pro"), seed=3)
+    scan = simulate(make_scene("overhand-knot", seed=3), camera_model("ideal"), seed=3)
     return [MyView(view.index, view.depth, view.depth_unit_m, view.K, view.T_base_camera) for view in scan.views]
 
 

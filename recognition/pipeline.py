@@ -63,7 +63,7 @@ def recognise(
         >>> from cell.simulation.offline_scan import simulate
         >>> from recognition.preprocessing import Scene
         >>> from recognition.request import RecognitionRequest
-        >>> scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), seed=1)
+        >>> scan = simulate(make_scene("loop", seed=1), camera_model("ideal"), seed=1)
         >>> scene = Scene(workspace_m=scan.header.workspace_m)
         >>> model = recognise(scan.views, RecognitionRequest(radius_m=0.0042), scene).model
         >>> [(round(chain.length_m, 2), chain.ends) for chain in model.chains]

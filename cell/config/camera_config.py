@@ -117,8 +117,9 @@ class SimulatedCamera(CameraSettings):
 
     kind: Literal["simulated"] = "simulated"
     """Selects the simulated camera."""
-    model: CameraName = "oak-d-pro"
-    """Model of the camera. `exact` has no depth noise."""
+    model: CameraName = "ideal"
+    """Model of the camera. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the
+    figures of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""
     scene: str = "figure-eight"
     """Name of the scene, as in `pointchain simulate`."""
     seed: int = Field(default=3, ge=0)
@@ -148,7 +149,7 @@ class SimulatedCamera(CameraSettings):
     @property
     def summary(self) -> str:
         """Model and scene."""
-        return f"simulated {self.model} that sees {self.scene}"
+        return f"simulated {self.model} camera that sees {self.scene}"
 
 
 class OakCamera(CameraSettings):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cell.config.strict_model import Range
 
-CameraName = Literal["oak-d-sr", "oak-d-pro", "oak-d-pro-measured", "exact"]
+CameraName = Literal["ideal-sr", "ideal", "ideal-measured", "exact"]
 OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
 
 
@@ -93,9 +93,9 @@ def simulated_optics(name: CameraName, working_m: Range | None) -> CameraOptics:
 
 
 _SIMULATED: dict[CameraName, tuple[float, int, int, float, Range]] = {
-    "oak-d-sr": (763.0, 1280, 800, 0.20, (0.25, 0.40)),
-    "oak-d-pro": (402.5, 640, 400, 0.32, (0.36, 0.60)),
-    "oak-d-pro-measured": (402.5, 640, 400, 0.32, (0.36, 0.60)),
+    "ideal-sr": (763.0, 1280, 800, 0.20, (0.25, 0.40)),
+    "ideal": (402.5, 640, 400, 0.32, (0.36, 0.60)),
+    "ideal-measured": (402.5, 640, 400, 0.32, (0.36, 0.60)),
     "exact": (440.0, 640, 400, 0.10, (0.25, 0.60)),
 }
 """Focal length, width and height in pixels, nearest distance and working range in metres."""

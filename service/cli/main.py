@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
         "--scene", default="figure-eight", help="name of the scene; an unknown name lists all (%(default)s)"
     )
     simulate.add_argument(
-        "--camera", default="oak-d-pro", help="name of the camera; an unknown name lists all (%(default)s)"
+        "--camera", default="ideal", help="name of the camera; an unknown name lists all (%(default)s)"
     )
     simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
     simulate.add_argument(

@@ -19,7 +19,7 @@ def prepare_page(name: str, folder: Path) -> None:
 def prepare_command(command: str, folder: Path) -> None:
     """Write the files that a command needs, and that no earlier command made, into `folder`."""
     if "session.bag" in command and not (folder / "session.bag").exists():
-        views = simulate(make_scene("overhand-knot", seed=3), camera_model("oak-d-pro"), seed=3).views
+        views = simulate(make_scene("overhand-knot", seed=3), camera_model("ideal"), seed=3).views
         write_bag(folder / "session.bag", "ros1", one_image_each(views, Recorded(encoding="32FC1")))
     if command.startswith("pointchain doctor"):
         (folder / "data").mkdir(exist_ok=True)

@@ -66,7 +66,7 @@ def scanned(name: str, seed: int, clutter: int, radius_share: float = 1.0) -> tu
 
 def scanned_scene(scene: StringScene, seed: int, radius_m: float) -> tuple[Model, Score]:
     """Return the model of a simulated scene and its score, for a given radius."""
-    scan = simulate(scene, camera_model("oak-d-pro"), seed)
+    scan = simulate(scene, camera_model("ideal"), seed)
     request = RecognitionRequest(radius_m=radius_m)
     document = recognise(scan.views, request, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
     return Model.from_json(document), score(document, scan.truth)

@@ -26,7 +26,7 @@ class Image:
 
 def captured(*curves: np.ndarray, boxes: tuple[Box, ...] = (), tilt_deg: float = 50) -> list[NormalCloud]:
     """Return six views with the noise of a stereo camera at 0.5 m."""
-    camera = DepthCamera(camera_model("oak-d-pro"), StringScene("hand-made", R, curves, boxes))
+    camera = DepthCamera(camera_model("ideal"), StringScene("hand-made", R, curves, boxes))
     clouds = []
     for k in range(6):
         T = look_at(np.zeros(3), np.radians(60 * k), np.radians(tilt_deg), 0.5, 0.0)

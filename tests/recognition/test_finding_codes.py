@@ -164,7 +164,7 @@ def unseen_upper_strand() -> Sequence[Finding]:
 
 def fragmented() -> Sequence[Finding]:
     """A radius that is 29 % too small breaks the knot into two chains."""
-    return findings_of(simulate(make_scene("overhand-knot", 13), camera_model("oak-d-pro"), 13), r=0.003, half_m=None)
+    return findings_of(simulate(make_scene("overhand-knot", 13), camera_model("ideal"), 13), r=0.003, half_m=None)
 
 
 @cache
@@ -195,7 +195,7 @@ def raised() -> Sequence[Finding]:
 
 def far_away() -> Sequence[Finding]:
     """Four noisy views from 0.6 m do not show whether a string of 100 mm is round."""
-    camera = replace(camera_model("oak-d-pro"), working_m=(0.6, 0.62))
+    camera = replace(camera_model("ideal"), working_m=(0.6, 0.62))
     scene = StringScene("codes", R, (line((-0.05, 0), (0.05, 0)),))
     return findings_of(simulate(scene, camera, 3, errors=NO_ERRORS, views=4))
 

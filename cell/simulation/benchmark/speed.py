@@ -20,7 +20,7 @@ from recognition.request import RecognitionRequest
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
 """Name, seed and number of crossings of the timed scene. As in the paper, it has one string of 0.4 m, r = 4.2 mm."""
-CAMERA = "oak-d-pro"
+CAMERA = "ideal"
 """Name of the camera model."""
 SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (320, 200)
 """Width and height of the depth images of the small and the large input, and of the warm-up."""

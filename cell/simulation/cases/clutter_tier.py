@@ -44,7 +44,7 @@ def draw_clutter(tier: str, seed: int, rng: np.random.Generator) -> Case:
     length_m = float(rng.uniform(0.4, 0.5))
     scene = make_scene("random", int(rng.integers(2**31)), radius_m, length_m, crossings=int(rng.integers(3)))
     place = (_with_pens, _with_cloth, _with_posts)[seed % 3]
-    return Case(tier, seed, place(rng, scene), camera_model("oak-d-pro"), PoseErrors())
+    return Case(tier, seed, place(rng, scene), camera_model("ideal"), PoseErrors())
 
 
 def _with_pens(rng: np.random.Generator, scene: StringScene) -> StringScene:

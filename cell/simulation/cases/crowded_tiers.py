@@ -23,9 +23,9 @@ def draw_crowded(tier: str, seed: int, rng: np.random.Generator) -> Case:
     if tier == "side":
         radius_m = float(rng.choice([0.003, 0.0042, 0.005]))
         scene = make_scene("side-by-side", scene_seed, radius_m, float(rng.uniform(0.35, 0.5)), strings=seed % 2 + 1)
-        return Case(tier, seed, scene, camera_model("oak-d-pro"), PoseErrors())
+        return Case(tier, seed, scene, camera_model("ideal"), PoseErrors())
     strings = int(rng.integers(2, 5))
     crossings = int(rng.integers(10, 21))
     length_m = (0.6 + 0.12 * crossings) / strings
     scene = make_scene("tangle", scene_seed, 0.003, length_m, crossings=crossings, strings=strings)
-    return Case(tier, seed, scene, camera_model("oak-d-pro", (800, 500)), PoseErrors())
+    return Case(tier, seed, scene, camera_model("ideal", (800, 500)), PoseErrors())

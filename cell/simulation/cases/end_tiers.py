@@ -61,7 +61,7 @@ def draw_branches(tier: str, seed: int, rng: np.random.Generator) -> Case:
 
 def _case(tier: str, seed: int, name: str, curves: Sequence[NDArray[np.float64]], radius_m: float) -> Case:
     scene = StringScene(f"{name}-{seed}", radius_m, tuple(curves))
-    return Case(tier, seed, scene, camera_model("oak-d-pro"), PoseErrors())
+    return Case(tier, seed, scene, camera_model("ideal"), PoseErrors())
 
 
 def _in_line(rng: np.random.Generator, radius_m: float) -> list[NDArray[np.float64]]:

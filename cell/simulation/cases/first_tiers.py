@@ -29,9 +29,9 @@ def draw_first(tier: str, seed: int, rng: np.random.Generator) -> Case:
     """
     if tier == "measured":
         case = draw_first(("paper", "long")[seed % 2], seed, rng)
-        return replace(case, tier=tier, camera=camera_model("oak-d-pro-measured"), errors=MEASURED_ERRORS)
+        return replace(case, tier=tier, camera=camera_model("ideal-measured"), errors=MEASURED_ERRORS)
     scene_seed = int(rng.integers(2**31))
-    camera, errors = camera_model("oak-d-pro"), PoseErrors()
+    camera, errors = camera_model("ideal"), PoseErrors()
     match tier:
         case "paper":
             scene = make_scene("random", scene_seed, crossings=int(rng.integers(3)))
@@ -46,7 +46,7 @@ def draw_first(tier: str, seed: int, rng: np.random.Generator) -> Case:
         case "soft":
             scene = make_scene("random", scene_seed, crossings=int(rng.integers(1, 3)), softness=0.6)
         case "photo":
-            camera = camera_model("oak-d-pro", (800, 500))
+            camera = camera_model("ideal", (800, 500))
             strings = int(rng.integers(1, 4))
             max_crossings = (4, 7, 10)[strings - 1]
             crossings = int(rng.integers(strings, max_crossings + 1))
@@ -59,7 +59,7 @@ def draw_first(tier: str, seed: int, rng: np.random.Generator) -> Case:
         case _:
             errors = errors.scaled(2.0)
             if seed % 3 == 0:
-                camera = camera_model("oak-d-sr")
+                camera = camera_model("ideal-sr")
                 scene = make_scene("random", scene_seed, crossings=int(rng.integers(1, 3)))
             elif seed % 3 == 1:
                 scene = make_scene("random", scene_seed, 0.003, 0.54, crossings=int(rng.integers(1, 4)), clutter=4)

@@ -87,7 +87,7 @@ def draw_heap(tier: str, seed: int, rng: np.random.Generator) -> Case:
     plan = np.vstack(curves)[:, :2]
     middle = (plan.min(axis=0) + plan.max(axis=0)) / 2
     scene = StringScene(f"heap-{seed}", radius_m, tuple(curve - [*middle, 0.0] for curve in curves))
-    return Case(tier, seed, scene, camera_model("oak-d-pro", (800, 500)), PoseErrors())
+    return Case(tier, seed, scene, camera_model("ideal", (800, 500)), PoseErrors())
 
 
 def tightest_bend_m(curve: Points) -> float:

@@ -48,4 +48,4 @@ def draw_mixed(tier: str, seed: int, rng: np.random.Generator) -> Case:
     except HeightsError as error:
         raise SceneError(f"{tier}: {error}") from error
     scene = StringScene(f"{tier}-{seed}", radius_m, tuple(curves), radii_m=tuple(radii_m))
-    return Case(tier, seed, scene, camera_model("oak-d-pro"), PoseErrors())
+    return Case(tier, seed, scene, camera_model("ideal"), PoseErrors())

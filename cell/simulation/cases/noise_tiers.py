@@ -26,7 +26,7 @@ def draw_noisy(tier: str, seed: int, rng: np.random.Generator) -> Case:
         SceneError: The scene cannot be laid.
     """
     case = draw_first(("paper", "long")[seed % 2], seed, rng)
-    camera = case.camera if tier == "speckle" else camera_model("oak-d-pro-measured")
+    camera = case.camera if tier == "speckle" else camera_model("ideal-measured")
     assert camera.noise is not None
     if tier == "speckle":
         share = float(rng.uniform(*DROPOUT_SHARES))

@@ -26,5 +26,5 @@ def draw_thin(tier: str, seed: int, rng: np.random.Generator) -> Case:
     """
     radius_m = (0.001, 0.0015)[seed % 2]
     scene = make_scene("random", int(rng.integers(2**31)), radius_m, 0.25, crossings=int(rng.integers(3)))
-    camera = replace(camera_model("oak-d-pro", (1280, 800)), working_m=DISTANCE_M)
+    camera = replace(camera_model("ideal", (1280, 800)), working_m=DISTANCE_M)
     return Case(tier, seed, scene, camera, PoseErrors())

@@ -48,7 +48,7 @@ def draw_knots(tier: str, seed: int, rng: np.random.Generator) -> Case:
     kind = tuple(KNOTS)[seed % len(KNOTS)]
     radius_m = float(rng.choice([0.003, 0.004, 0.005]))
     scene = tight_knot(rng, kind, float(rng.uniform(*KNOTS[kind])), radius_m, f"tight-{kind}-{seed}")
-    return Case(tier, seed, scene, camera_model("oak-d-pro"), PoseErrors())
+    return Case(tier, seed, scene, camera_model("ideal"), PoseErrors())
 
 
 def tight_knot(rng: np.random.Generator, kind: str, size: float, radius_m: float, name: str) -> StringScene:

@@ -74,14 +74,17 @@ def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
 CAMERAS = {
     model.name: model
     for model in (
-        _preset("oak-d-sr", StereoNoise(763.0, 0.020, hole_share=0.03)),
-        _preset("oak-d-pro", StereoNoise(805.0, 0.075, hole_share=0.02)),
-        _preset("oak-d-pro-measured", StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED)),
+        _preset("ideal-sr", StereoNoise(763.0, 0.020, hole_share=0.03)),
+        _preset("ideal", StereoNoise(805.0, 0.075, hole_share=0.02)),
+        _preset("ideal-measured", StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED)),
         _preset("exact", None),
     )
 }
-"""Presets of cameras. oak-d-sr has a baseline of 20 mm and all pixels; oak-d-pro has 75 mm, extended disparity and
-every second pixel."""
+"""Presets of cameras. All but `exact` have the depth of `StereoNoise`.
+
+`ideal` has the figures of an OAK-D Pro: a baseline of 75 mm, extended disparity and every second pixel. `ideal-sr` has
+those of an OAK-D SR: 20 mm and all pixels. `ideal-measured` is `ideal` with the errors of real OAK-D cameras.
+"""
 
 
 def camera_model(name: str, resolution: tuple[int, int] | None = None) -> CameraModel:

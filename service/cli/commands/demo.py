@@ -77,7 +77,8 @@ def demo(folder: Path) -> int:
     write_preview(recognition, results / PREVIEW)
     pictures = write_trace(recognition, trace, truth)
     assert status.camera is not None
-    print(f"Live scan          {len(poses)} views by a simulated {settings.arm.model} and a {status.camera.product}")
+    devices = f"a simulated {settings.arm.model} and a {status.camera.product} camera"
+    print(f"Live scan          {len(poses)} views by {devices}")
     for line in _summary(model):
         print(line)
     heights = None

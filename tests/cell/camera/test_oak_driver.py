@@ -438,7 +438,7 @@ def test_frames_show_the_pose_at_the_time_of_their_exposure(world: SimulatedWorl
 
 
 def test_a_burst_has_the_noise_of_single_exposures(world: SimulatedWorld) -> None:
-    noisy = replace(world, camera=camera_model("oak-d-pro", (160, 100)))
+    noisy = replace(world, camera=camera_model("ideal", (160, 100)))
     T_base_flange = looking_down(noisy)
     with driver(noisy, lambda: T_base_flange) as oak:
         oak.open()

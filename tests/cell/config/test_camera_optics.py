@@ -9,7 +9,7 @@ from cell.config.camera_optics import baseline_m, oak_max_fps
 from cell.simulation.rendering.depth_camera import CAMERAS
 
 
-@pytest.mark.parametrize("name", ["oak-d-sr", "oak-d-pro", "exact"])
+@pytest.mark.parametrize("name", ["ideal-sr", "ideal", "exact"])
 def test_the_optics_of_a_simulated_camera_are_those_of_its_model(name: CameraName) -> None:
     model, optics = CAMERAS[name], SimulatedCamera(model=name).optics
     assert np.array_equal(optics.K, model.K)

@@ -126,7 +126,7 @@ def slow(cell: Cell, fraction: float) -> Iterator[None]:
 
 @pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(2, 20))])
 def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_path: Path, seed: int) -> None:
-    settings = simulated(model="oak-d-pro", scene="random", seed=seed, exposures=5)
+    settings = simulated(model="ideal", scene="random", seed=seed, exposures=5)
     with opened(settings) as cell:
         views = scan(cell, tmp_path / "scan.mcap", RecordingListener())
     scene = Scene(settings.mounting.table_z_m, settings.workspace_m)
@@ -139,7 +139,7 @@ def test_a_scan_of_a_random_scene_by_a_noisy_camera_gives_the_true_topology(tmp_
 
 
 def test_a_scan_with_the_errors_of_real_devices_gives_the_true_topology(tmp_path: Path) -> None:
-    plain = simulated(model="oak-d-pro-measured", exposures=5)
+    plain = simulated(model="ideal-measured", exposures=5)
     # With this seed, the errors at the viewpoints are as large as configured. With errors of 0.8 mm (seed 4), the noise
     # of the exposures, which no seed fixes, decides whether the whole string is found.
     arm = plain.arm.model_copy(update={"pose_error_m": 0.0006, "pose_error_rad": 0.0026, "pose_error_seed": 0})

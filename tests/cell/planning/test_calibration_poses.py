@@ -30,7 +30,7 @@ FAR = CellSettings(workspace=WorkspaceSettings(x_m=(0.44, 0.8)))
 """Workspace so far away that the arm cannot reach the preferred poses behind the board."""
 SMALL = CellSettings(
     arm=SimulatedArm(model="ur3e"),
-    camera=SimulatedCamera(model="oak-d-sr"),
+    camera=SimulatedCamera(model="ideal-sr"),
     workspace=WorkspaceSettings(x_m=(0.15, 0.35), y_m=(-0.1, 0.1)),
 )
 CELLS = [DEFAULT, FAR, SMALL]

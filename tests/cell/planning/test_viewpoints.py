@@ -42,7 +42,7 @@ def cell(
     model: ArmModelName = "ur5e",
     middle: tuple[float, float] = (0.36, 0.0),
     half_m: float = 0.18,
-    camera: CameraName = "oak-d-pro",
+    camera: CameraName = "ideal",
     mounting: MountingSettings | None = None,
 ) -> CellSettings:
     x, y = middle
@@ -65,7 +65,7 @@ CELLS = [
     DEFAULT,
     FAR,
     OBSTRUCTED,
-    cell("ur3e", (0.25, 0.0), 0.1, "oak-d-sr"),
+    cell("ur3e", (0.25, 0.0), 0.1, "ideal-sr"),
     cell("ur10e", (0.6, 0.2), 0.2),
     cell(mounting=MountingSettings(table_z_m=-0.2)),
 ]

@@ -15,7 +15,7 @@ from recognition.pipeline import recognise
 from recognition.preprocessing.target_cloud import Scene
 from recognition.request import RecognitionRequest
 
-CAMERA = camera_model("oak-d-pro", (160, 100))
+CAMERA = camera_model("ideal", (160, 100))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_workspace_contains_the_strings() -> None:
 
 
 def test_a_single_view_shows_its_workspace() -> None:
-    scan = simulate(make_scene("loop", 1), camera_model("oak-d-pro", (320, 200)), seed=1, views=1)
+    scan = simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), seed=1, views=1)
     model = recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(0.0, scan.header.workspace_m)).model
     assert "table-not-covered" not in {found.code for found in model.quality.findings}
 
@@ -127,7 +127,7 @@ def test_the_truth_is_consistent(scene: StringScene) -> None:
 
 
 def test_a_table_elsewhere_moves_poses_and_truth_but_not_the_images() -> None:
-    scene, camera = make_scene("loop", 1), camera_model("oak-d-pro", (64, 40))
+    scene, camera = make_scene("loop", 1), camera_model("ideal", (64, 40))
     T_base_table = from_rotation_vector((0.0, 0.0, -0.006), (0.02, 0.01, 0.0))
     as_stated, elsewhere = simulate(scene, camera, 1), simulate(scene, camera, 1, T_base_table=T_base_table)
     for a, b in zip(as_stated.views, elsewhere.views, strict=True):

@@ -200,7 +200,7 @@ def test_the_part_of_a_short_chain_at_its_end_is_the_whole_chain(table_1: ChainP
 
 @pytest.mark.parametrize(("scene", "seed"), [("overhand-knot", 13), ("settled", 14), ("coil", 12)])
 def test_a_string_fragmented_by_a_radius_too_small_has_a_doubt(scene: str, seed: int) -> None:
-    scan = simulate(make_scene(scene, seed), camera_model("oak-d-pro"), seed)
+    scan = simulate(make_scene(scene, seed), camera_model("ideal"), seed)
     known = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, RecognitionRequest(radius_m=0.003), known).model
     # The radius is 29 % too small: a model without a doubt about the ends of the pieces must be the true one. Where the

@@ -33,7 +33,7 @@ def recognised(scan: SimulatedScan, radius_m: float | None = 0.0042) -> Recognit
 
 
 def on_table(scene: StringScene, T_base_table: np.ndarray) -> SimulatedScan:
-    return simulate(scene, camera_model("oak-d-pro"), 1, T_base_table=T_base_table)
+    return simulate(scene, camera_model("ideal"), 1, T_base_table=T_base_table)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_the_error_of_the_table_is_common_to_all_views(lifted: Recognition) -> N
 @pytest.mark.parametrize("height_m", [-0.0018, 0.0018])
 def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: float) -> None:
     """The poses are exact, so the model is off by as much as the given height. Errors of the poses might explain it."""
-    scene, camera = make_scene("loop", seed=1), camera_model("oak-d-pro")
+    scene, camera = make_scene("loop", seed=1), camera_model("ideal")
     scan = simulate(scene, camera, 1, errors=NO_ERRORS)
     level, off = (
         recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(z, scan.header.workspace_m)).model
@@ -152,7 +152,7 @@ def test_a_table_that_is_hardly_elsewhere_is_in_sigma_and_in_a_note(height_m: fl
 
 @pytest.mark.parametrize("height_m", [-0.006, 0.006])
 def test_a_single_view_tells_a_table_that_is_elsewhere(height_m: float) -> None:
-    scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
+    scan = simulate(make_scene("loop", seed=1), camera_model("ideal"), 1, errors=NO_ERRORS, views=1)
     model, true = (
         recognise(scan.views, RecognitionRequest(radius_m=0.0042), Scene(z, scan.header.workspace_m)).model
         for z in (height_m, 0.0)
@@ -165,7 +165,7 @@ def test_a_single_view_tells_a_table_that_is_elsewhere(height_m: float) -> None:
 
 def test_a_single_view_tells_a_camera_that_was_tilted() -> None:
     """The fixed camera was tilted by 1.72 degrees after its calibration."""
-    scan = simulate(make_scene("loop", seed=1), camera_model("oak-d-pro"), 1, errors=NO_ERRORS, views=1)
+    scan = simulate(make_scene("loop", seed=1), camera_model("ideal"), 1, errors=NO_ERRORS, views=1)
     T_error = from_rotation_vector((0, 0, 0), (0.03, 0, 0))
     views = [replace(view, T_flange_camera=view.T_flange_camera @ T_error) for view in scan.views]
     model = recognise(views, RecognitionRequest(radius_m=0.0042), Scene(0.0, scan.header.workspace_m)).model

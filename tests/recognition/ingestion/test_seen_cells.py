@@ -21,7 +21,7 @@ R = 0.0042
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=4)
+    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=4)
 
 
 @pytest.fixture(scope="module")

@@ -110,12 +110,12 @@ def test_one_crowded_view_is_excluded_and_most_are_an_error(
 def on_table(height_m: float, tilt_deg: float = 0.0, views: int = 4) -> SimulatedScan:
     """Return a scan of an arc on a table at a height, tilted about x."""
     T = from_rotation_vector((0, 0, height_m), (np.deg2rad(tilt_deg), 0, 0))
-    return simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=views, T_base_table=T)
+    return simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=views, T_base_table=T)
 
 
 def warped(amplitude_per_m: float) -> list[View]:
     """Return five views of an arc whose inverse depth is curved along the rows of the image."""
-    views = simulate(make_scene("arc", 1), camera_model("oak-d-pro", (320, 200)), 1, views=5).views
+    views = simulate(make_scene("arc", 1), camera_model("ideal", (320, 200)), 1, views=5).views
     curved = amplitude_per_m * np.linspace(-1, 1, 320) ** 2
     counts = [view.depth / (1 + view.depth * view.depth_unit_m * curved) for view in views]
     return [replace(view, depth=np.rint(c).astype(np.uint16)) for view, c in zip(views, counts, strict=True)]

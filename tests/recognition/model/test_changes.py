@@ -159,7 +159,7 @@ def test_an_open_string_is_not_a_ring() -> None:
 @cache
 def model(name: str, seed: int, more: tuple[tuple[str, int], ...] = ()) -> PointChainModel:
     scene = make_scene(name, 3, **dict(more))
-    scan = simulate(scene, camera_model("oak-d-pro"), seed)
+    scan = simulate(scene, camera_model("ideal"), seed)
     return recognise(
         scan.views, RecognitionRequest(radius_m=scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
     ).model

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def model() -> PointChainModel:
-    scan = simulate(make_scene("loop", 2901), camera_model("oak-d-sr"), 2901)
+    scan = simulate(make_scene("loop", 2901), camera_model("ideal-sr"), 2901)
     scene = Scene(scan.header.table_z_m or 0.0, scan.header.workspace_m)
     return recognise(scan.views, RecognitionRequest(radius_m=0.0042), scene).model
 

@@ -143,7 +143,7 @@ def test_coverage_takes_less_than_five_milliseconds() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_simulated_scans_show_all_of_their_workspace(name: str) -> None:
     # With the defaults of `pointchain simulate`.
-    camera, scene = camera_model("oak-d-pro"), make_scene(name, 0)
+    camera, scene = camera_model("ideal"), make_scene(name, 0)
     points = np.vstack(scene.curves) if scene.curves else np.zeros((1, 3))
     size = (camera.width, camera.height)
     poses = viewpoints(points, camera.K, size, camera.near_m, camera.working_m, 8)
@@ -154,7 +154,7 @@ def test_simulated_scans_show_all_of_their_workspace(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("loop", 1), camera_model("oak-d-pro", (320, 200)), 1, views=4)
+    return simulate(make_scene("loop", 1), camera_model("ideal", (320, 200)), 1, views=4)
 
 
 def uncovered(scan: SimulatedScan, workspace_m: tuple[float, float] | None, views: slice = slice(4)) -> list[Finding]:

@@ -72,7 +72,7 @@ def test_a_string_on_a_plate_is_recognised_as_on_the_table(height: float) -> Non
     flat = make_scene("figure-eight", 5)
     raised = [curve + (0.0, 0.0, height) for curve in flat.curves]
     boxes = (Box((0.0, 0.0), (0.34, 0.30, height), 0.0),) if height else ()
-    scan = simulate(replace(flat, curves=tuple(raised), boxes=boxes), camera_model("oak-d-pro"), 5)
+    scan = simulate(replace(flat, curves=tuple(raised), boxes=boxes), camera_model("ideal"), 5)
     model = recognise(scan.views, RecognitionRequest(radius_m=flat.radius_m), Scene(0.0, scan.header.workspace_m)).model
     result = score(model.to_json(), scan.truth)
     assert model.quality.verdict == "accept"

@@ -21,7 +21,7 @@ def first_view(*boxes: Box, height_m: float = 0.0, tilt_deg: float = 0.0) -> Vie
     """Return a view of boxes on a table at a height, tilted about x."""
     T_base_table = from_rotation_vector((0, 0, height_m), (np.deg2rad(tilt_deg), 0, 0))
     scene = StringScene("table", 0.0042, (), boxes)
-    camera = camera_model("oak-d-pro", (320, 200))
+    camera = camera_model("ideal", (320, 200))
     # the first of two views; a scan of one view would show its workspace from farther away
     return simulate(scene, camera, 1, errors=NO_ERRORS, views=2, T_base_table=T_base_table).views[0]
 

@@ -88,7 +88,7 @@ def test_too_little_surface_gives_no_measure(seen: Callable, straight: Callable)
 
 def test_a_square_bar_seen_from_afar_is_no_string() -> None:
     # Depth scatters by a fifth of its half width, as in a cell whose camera keeps 0.6 m away.
-    camera = replace(camera_model("oak-d-pro"), working_m=(0.6, 0.62))
+    camera = replace(camera_model("ideal"), working_m=(0.6, 0.62))
     scene = StringScene("bar", R, (), (Box((0.0, 0.0), (0.28, 0.0066, 0.0075), 0.6),))
     scan = simulate(scene, camera, 3)
     model = recognise(scan.views, RecognitionRequest(radius_m=R), Scene(0.0, scan.header.workspace_m)).model

@@ -44,7 +44,7 @@ def line_from(x: float, to: float = 0.1) -> np.ndarray:
     return np.column_stack([points, np.zeros_like(points), np.full_like(points, R)])
 
 
-@pytest.mark.parametrize("model", ["exact", "oak-d-pro"])
+@pytest.mark.parametrize("model", ["exact", "ideal"])
 @pytest.mark.parametrize("start", [-1.2, -0.5, 0.0, 0.5, 1.2])
 def test_a_line_ends_within_half_a_pixel_of_the_string(model: str, start: float) -> None:
     seen = views([straight((0, 0), (0.1, 0))], model)
@@ -98,7 +98,7 @@ def test_an_end_that_lies_on_another_strand_stays() -> None:
 
 def test_an_end_on_another_strand_makes_no_crossing() -> None:
     # The end would be extended beyond the middle of the other strand if the free space there were not checked.
-    scan = simulate(make_scene("end-on-strand", 15), camera_model("oak-d-pro"), 15)
+    scan = simulate(make_scene("end-on-strand", 15), camera_model("ideal"), 15)
     model = recognise(
         scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), Scene(workspace_m=scan.header.workspace_m)
     ).model

@@ -271,7 +271,7 @@ def test_trace_draws_every_stage(capsys: pytest.CaptureFixture[str], recording_f
 
 
 def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    options = ("--scene", "loop", "--camera", "oak-d-pro", "--resolution", "160x100", "--views", "2")
+    options = ("--scene", "loop", "--camera", "ideal", "--resolution", "160x100", "--views", "2")
     for name, seed in (("a", 3), ("b", 3), ("c", 4)):
         code, _, err = run(capsys, "simulate", tmp_path / f"{name}.mcap", *options, "--seed", seed)
         assert code == 0, err
@@ -286,7 +286,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
     ("arguments", "expected"),
     [
         (("--scene", "knot"), "overhand-knot"),
-        (("--camera", "kinect"), "oak-d-pro"),
+        (("--camera", "kinect"), "ideal-measured"),
         (("--radius", "1"), "radius"),
         (("--radius", "4.2"), "metres are expected, and 4.2 looks like millimetres"),
         (("--softness", "0.1"), "softness"),

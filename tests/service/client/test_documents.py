@@ -131,7 +131,7 @@ def test_each_dataclass_of_a_document_is_checked() -> None:
 def recognised() -> PointChainModel:
     """A model of a simulated scene with crossings, doubts and all grasps."""
     scene = make_scene("overhand-knot", 3)
-    scan = simulate(scene, camera_model("oak-d-pro"), 3)
+    scan = simulate(scene, camera_model("ideal"), 3)
     model = recognise(
         scan.views,
         RecognitionRequest(radius_m=1.4 * scene.radius_m, all_grasps=True),

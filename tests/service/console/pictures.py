@@ -176,7 +176,7 @@ def doubtful_scan(cell: httpx2.Client, file: Path) -> str:
         cell: Client of the service.
         file: Path of the recording that is made.
     """
-    write_simulation(simulate(make_scene(SCENE, 2), camera_model("oak-d-pro"), 2, views=2), file)
+    write_simulation(simulate(make_scene(SCENE, 2), camera_model("ideal"), 2, views=2), file)
     recording = cell.post("/api/recordings?name=two-views.mcap", content=file.read_bytes()).json()["id"]
     scan = cell.post("/api/scans", json={"mode": "replay", "recording": recording}).json()
     wait_until(lambda: cell.get(scan["links"]["self"]).json()["final"])

@@ -68,7 +68,7 @@ def test_each_tier_has_its_properties(
 def test_hard_cases_are_of_three_kinds_in_turn(cases: dict[str, list[Case]]) -> None:
     short, cluttered, long = cases["hard"]
     assert all(case.errors == PoseErrors().scaled(2.0) for case in cases["hard"])
-    assert (short.camera.name, short.camera.width, short.camera.height) == ("oak-d-sr", 1280, 800)
+    assert (short.camera.name, short.camera.width, short.camera.height) == ("ideal-sr", 1280, 800)
     assert cluttered.scene.radius_m == 0.003
     assert len(cluttered.scene.boxes) >= 3
     assert measure(long)[1] == pytest.approx(1.0, abs=2e-4)
@@ -78,14 +78,14 @@ def test_hard_cases_are_of_three_kinds_in_turn(cases: dict[str, list[Case]]) -> 
 def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Case]]) -> None:
     assert [measure(case)[1] for case in cases["measured"]] == pytest.approx([0.4, 0.7, 0.4], abs=2e-4)
     for case in cases["measured"]:
-        assert case.camera.name == "oak-d-pro-measured"
+        assert case.camera.name == "ideal-measured"
         assert 0.0003 <= case.errors.smooth_m <= 0.0012
 
 
 def test_few_cases_have_one_to_four_views_that_show_the_workspace() -> None:
     for seed in range(4):
         case = make_case("few", seed)
-        scan = simulate(replace(case, camera=camera_model("oak-d-pro", (64, 40))))
+        scan = simulate(replace(case, camera=camera_model("ideal", (64, 40))))
         assert len(scan.views) == case.views == 1 + seed
         (x_m, y_m, _), depth = scan.header.workspace_m or ((), (), ()), scan.views[0].depth
         corners = np.array([(x, y, 0.0, 1.0) for x in x_m for y in y_m])
@@ -129,14 +129,14 @@ def test_speckled_cases_lose_some_of_the_pixels(cases: dict[str, list[Case]]) ->
         assert noise is not None
         assert 0.3 <= noise.string_dropout_share <= 0.6
         assert noise.string_dropout_blobs == (case.seed == 2)
-        clean = replace(case, camera=camera_model("oak-d-pro"))
+        clean = replace(case, camera=camera_model("ideal"))
         for speckled, whole in zip(simulate(case).views, simulate(clean).views, strict=True):
             lost = (speckled.depth == 0) & (whole.depth > 0)
             assert 500 < lost.sum() < 0.05 * lost.size
 
 
 def test_noisy_cases_have_a_multiple_of_the_errors_of_real_cameras(cases: dict[str, list[Case]]) -> None:
-    measured = camera_model("oak-d-pro-measured").noise
+    measured = camera_model("ideal-measured").noise
     assert measured is not None
     for case in cases["noise"]:
         noise = case.camera.noise
@@ -170,7 +170,7 @@ def test_the_same_seed_gives_the_same_case(cases: dict[str, list[Case]], tier: s
 
 
 def test_the_same_case_gives_the_same_scan(cases: dict[str, list[Case]]) -> None:
-    small = replace(cases["paper"][0], camera=camera_model("oak-d-pro", (64, 40)))
+    small = replace(cases["paper"][0], camera=camera_model("ideal", (64, 40)))
     first, again = simulate(small), simulate(small)
     assert len(first.views) == 8
     assert all(np.array_equal(a.depth, b.depth) for a, b in zip(first.views, again.views, strict=True))

@@ -49,7 +49,7 @@ def test_the_depth_image_shows_the_strings_at_their_true_positions() -> None:
 
 
 def test_exposures_from_one_pose_differ_only_by_their_noise() -> None:
-    world = small_world(model="oak-d-pro")
+    world = small_world(model="ideal")
     source = FrameSource(world)
     T_base_flange = flange_looking_at(world)
     assert world.camera.noise is not None
@@ -65,7 +65,7 @@ def test_exposures_from_one_pose_differ_only_by_their_noise() -> None:
 
 
 def test_the_median_of_five_exposures_has_the_noise_of_a_recording() -> None:
-    world = small_world(model="oak-d-pro")
+    world = small_world(model="ideal")
     source = FrameSource(world)
     T_base_flange = flange_looking_at(world)
     assert world.camera.noise is not None
@@ -80,7 +80,7 @@ def test_the_median_of_five_exposures_has_the_noise_of_a_recording() -> None:
 
 
 def test_a_repeated_pose_has_the_same_fixed_errors() -> None:
-    world = small_world(model="oak-d-pro")
+    world = small_world(model="ideal")
     source = FrameSource(world)
     here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
     first, away, back = (source.render_depth(T) for T in (here, there, here))
@@ -121,7 +121,7 @@ def test_the_intensity_image_shows_the_same_surfaces_as_the_depth_image() -> Non
 
 
 def test_intensity_images_from_one_pose_differ_by_noise_that_is_repeatable() -> None:
-    world = small_world(model="oak-d-pro")
+    world = small_world(model="ideal")
     source = FrameSource(world)
     here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
     stack = np.stack([source.render_intensity(here) for _ in range(40)])
@@ -136,7 +136,7 @@ def test_intensity_images_from_one_pose_differ_by_noise_that_is_repeatable() -> 
 
 
 def test_intensity_images_do_not_change_the_depth_images() -> None:
-    world = small_world(model="oak-d-pro")
+    world = small_world(model="ideal")
     T_base_flange = flange_looking_at(world)
     alone, with_pictures = FrameSource(world), FrameSource(world)
     for _ in range(2):

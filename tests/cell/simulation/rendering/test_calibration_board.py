@@ -83,7 +83,7 @@ def test_every_pixel_is_the_mean_of_the_print_over_its_area(
 
 def test_corners_are_detected_at_their_true_pixels() -> None:
     """Five exposures are rendered and averaged, and the corners are detected as in a calibration."""
-    world = world_with(Board(), "oak-d-pro")
+    world = world_with(Board(), "ideal")
     source = FrameSource(world)
     found, errors = 0, []
     for k in range(6):

@@ -191,8 +191,8 @@ def test_weak_texture_gives_smooth_patches_within_their_limit() -> None:
     assert 0.9 < np.mean([np.abs(error) < 0.5 for error in errors]) < 0.999
 
 
-def test_the_former_presets_have_none_of_these_errors() -> None:
-    for name in ("oak-d-sr", "oak-d-pro"):
+def test_presets_without_measured_errors_have_none_of_these_errors() -> None:
+    for name in ("ideal-sr", "ideal"):
         noise = CAMERAS[name].noise
         assert noise is not None
         assert (noise.warp_px, noise.edge_hole_share, noise.flicker_share, noise.patches) == (0, 0, 0, 0)
@@ -222,7 +222,7 @@ def test_a_model_without_dropouts_draws_nothing_for_them() -> None:
 
 
 def test_a_scaled_model_has_a_multiple_of_each_error() -> None:
-    noise = CAMERAS["oak-d-pro-measured"].noise
+    noise = CAMERAS["ideal-measured"].noise
     assert noise is not None
     assert noise.scaled(1.0) == noise
     scaled = noise.scaled(4.0)
