@@ -13,6 +13,9 @@ Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 TABLE_HALF_M = 0.8
 """Half the side length of the square table."""
 
+TUBE_SIDES = 40
+"""Number of faces around a tube."""
+
 
 def scene_meshes(scene: StringScene) -> list[Mesh]:
     """Return the meshes of a scene: the strings in their order, then the table and the clutter."""
@@ -21,11 +24,11 @@ def scene_meshes(scene: StringScene) -> list[Mesh]:
     return [*strings, table(), *clutter, *map(rod_mesh, scene.rods), *map(cloth_mesh, scene.cloths)]
 
 
-def tube(curve: NDArray[np.float64], radius_m: float, sides: int = 40) -> Mesh:
+def tube(curve: NDArray[np.float64], radius_m: float, sides: int = TUBE_SIDES) -> Mesh:
     """Return a tube around a polyline, with flat ends or closed to a ring.
 
     The vertices are as far outside the true surface as the middles of the faces are inside. With 40 sides, both are
-    0.15 % of the radius.
+    0.15 % of the radius. Two triangles in sequence are one face, and `sides` faces in sequence are one ring.
 
     Args:
         curve: Centre line (N, 3).
