@@ -6,6 +6,8 @@ from typing import Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from cell.config.camera_optics import (
+    DOT_PROJECTORS,
+    STEREO_BASELINES_M,
     CameraName,
     CameraOptics,
     OakProduct,
@@ -13,6 +15,7 @@ from cell.config.camera_optics import (
     oak_optics,
     simulated_optics,
 )
+from cell.config.rendering_options import RenderingOptions, Sheath, TableTop
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
 
@@ -113,13 +116,14 @@ def simulated_camera_id(model: str, seed: int) -> str:
 
 
 class SimulatedCamera(CameraSettings):
-    """A simulated OAK camera, which views a simulated scene."""
+    """A simulated depth camera, which views a simulated scene."""
 
     kind: Literal["simulated"] = "simulated"
     """Selects the simulated camera."""
     model: CameraName = "ideal"
-    """Model of the camera. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the
-    figures of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""
+    """Model of the camera. `oak-d-pro`, `oak-d-sr` and `d435` match their depth in rendered images, with the figures of
+    these products. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the figures
+    of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""
     scene: str = "figure-eight"
     """Name of the scene, as in `pointchain simulate`."""
     seed: int = Field(default=3, ge=0)
@@ -128,6 +132,13 @@ class SimulatedCamera(CameraSettings):
     """Radius of the simulated strings."""
     errors: float = Field(default=1.0, ge=0.0, le=100.0)
     """Factor on the errors of arm and calibration. 1 is a good cell, 0 a perfect one."""
+    sheath: Sheath | None = None
+    """Surface of the strings in rendered images. The default is drawn from `seed` among those with texture. Only
+    `oak-d-pro`, `oak-d-sr` and `d435` render images."""
+    table_top: TableTop | None = None
+    """Surface of the table in rendered images. The default is drawn from `seed` among those with texture."""
+    ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
+    """Power of the simulated dot projector, as a share of its maximum. `oak-d-pro` and `d435` have a projector."""
 
     @field_validator("scene")
     @classmethod
@@ -135,6 +146,16 @@ class SimulatedCamera(CameraSettings):
         if value not in SCENES:
             raise ValueError(f"the scenes are {', '.join(SCENES)}")
         return value
+
+    @model_validator(mode="after")
+    def _has_options(self) -> Self:
+        self.rendering.check(self.model, self.model in STEREO_BASELINES_M, self.model in DOT_PROJECTORS)
+        return self
+
+    @property
+    def rendering(self) -> RenderingOptions:
+        """Options of the rendered images."""
+        return RenderingOptions(self.sheath, self.table_top, self.ir_dots)
 
     @property
     def optics(self) -> CameraOptics:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cell.config.strict_model import Range
 
-CameraName = Literal["ideal-sr", "ideal", "ideal-measured", "exact"]
+CameraName = Literal["oak-d-pro", "oak-d-sr", "d435", "ideal-sr", "ideal", "ideal-measured", "exact"]
 OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
 
 
@@ -93,12 +93,30 @@ def simulated_optics(name: CameraName, working_m: Range | None) -> CameraOptics:
 
 
 _SIMULATED: dict[CameraName, tuple[float, int, int, float, Range]] = {
+    "oak-d-pro": (402.5, 640, 400, 0.32, (0.36, 0.60)),
+    "oak-d-sr": (763.0, 1280, 800, 0.20, (0.25, 0.40)),
+    "d435": (424.0, 848, 480, 0.20, (0.30, 0.50)),
     "ideal-sr": (763.0, 1280, 800, 0.20, (0.25, 0.40)),
     "ideal": (402.5, 640, 400, 0.32, (0.36, 0.60)),
     "ideal-measured": (402.5, 640, 400, 0.32, (0.36, 0.60)),
     "exact": (440.0, 640, 400, 0.10, (0.25, 0.60)),
 }
-"""Focal length, width and height in pixels, nearest distance and working range in metres."""
+"""Focal length, width and height in pixels, nearest distance and working range in metres.
+
+The figures of the OAK products are those of `_STEREO`. Those of the D435 are of Intel's datasheet of the D400 series:
+a baseline of 50 mm, depth images 87 degrees wide with a tolerance of 3 degrees, and 19.5 cm as smallest distance with
+848x480. Intel's guide "Tuning depth cameras for best performance" gives a focal length of about 645 pixels for
+1280x720, which is 427 for 848x480.
+"""
+
+STEREO_BASELINES_M: dict[CameraName, float] = {
+    "oak-d-pro": _STEREO["oak-d-pro"].baseline_m,
+    "oak-d-sr": _STEREO["oak-d-sr"].baseline_m,
+    "d435": 0.050,
+}
+"""Distance between the lenses of the simulated cameras whose depth is matched in rendered images."""
+DOT_PROJECTORS: tuple[CameraName, ...] = ("oak-d-pro", "d435")
+"""Simulated cameras with a dot projector."""
 
 
 def oak_optics(

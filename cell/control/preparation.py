@@ -241,6 +241,8 @@ class Preparation:
 
     def _recording_header(self, hand_eye: HandEye, connected: Connected) -> RecordingHeader:
         arm, camera = connected.arm, connected.camera
+        world = self._equipment.world
+        images = {} if world is None else world.provenance
         return RecordingHeader(
             depth_unit_m=camera.depth_unit_m,
             string_radius_m=None,
@@ -252,6 +254,7 @@ class Preparation:
                 "camera": f"{camera.product} {camera.device_id}",
                 "robot": f"{arm.model} {arm.serial}, software {arm.software}",
                 "calibration_sha256": hand_eye.sha256,
+                **images,
             },
         )
 

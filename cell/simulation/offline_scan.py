@@ -10,11 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.rendering_options import RenderingOptions
 from cell.devices import View
 from cell.planning.look_at import Bearing
 from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, reported_flange_poses, viewpoints
-from cell.simulation.rendering.depth_camera import CameraModel, DepthCamera
+from cell.simulation.rendering.depth_camera import (
+    CameraModel,
+    DepthCamera,
+    ImageContent,
+    draw_bias_px,
+    image_provenance,
+)
 from cell.simulation.scenes.clutter import footprint
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene
@@ -57,6 +64,7 @@ def simulate(
     T_base_table: NDArray[np.float64] | None = None,
     bearings: Sequence[Bearing] | None = None,
     workspace_half_m: float | None = None,
+    rendering: RenderingOptions | None = None,
 ) -> SimulatedScan:
     """Simulate a scan of a scene from viewpoints on two rings. The same arguments give the same content.
 
@@ -72,9 +80,11 @@ def simulate(
         workspace_half_m: Half width of the recorded workspace, which all views show completely. None means at least
             `WORKSPACE_HALF_M`, and views that show the strings. A single view shows no such workspace, so None then
             means the width that the strings need.
+        rendering: Options of the rendered images. None means the defaults.
 
     Raises:
         ViewCountError: `views` is out of range.
+        RenderingOptionsError: The camera does not have the options.
     """
     if not 1 <= views <= 64:
         raise ViewCountError(f"{views} views; from 1 to 64 are allowed")
@@ -95,10 +105,9 @@ def simulate(
     T_flange_camera = T_FLANGE_CAMERA
     nominal_T_flange_camera = perturbed(T_flange_camera, errors.hand_eye_m, errors.hand_eye_rad, pose_rng)
     reported_T_base_flange = reported_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng, seed)
-    bias_px = 0.0
-    if camera.noise is not None:
-        bias_px = camera.noise.bias_px * np.random.default_rng([seed, _SESSION]).standard_normal()
-    depth_camera = DepthCamera(camera, scene, bias_px, seed)
+    bias_px = draw_bias_px(camera, np.random.default_rng([seed, _SESSION]))
+    rendering = RenderingOptions() if rendering is None else rendering
+    depth_camera = DepthCamera(camera, scene, bias_px, seed, ImageContent(rendering))
     header = RecordingHeader(
         depth_unit_m=camera.depth_unit_m,
         string_radius_m=scene.radius_m,
@@ -106,12 +115,7 @@ def simulate(
         workspace_m=((-half, half), (-half, half), (0.0, WORKSPACE_TOP_M)),
         T_flange_camera=nominal_T_flange_camera,
         simulated=True,
-        provenance={
-            "camera": f"simulated {camera.name}",
-            "robot": "simulated",
-            "scene": scene.name,
-            "seed": str(seed),
-        },
+        provenance=_provenance(scene, camera, rendering, seed),
     )
     taken = tuple(
         View(
@@ -126,6 +130,12 @@ def simulate(
         for k in range(views)
     )
     return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera, T_base_table))
+
+
+def _provenance(scene: StringScene, camera: CameraModel, rendering: RenderingOptions, seed: int) -> dict[str, str]:
+    """Return what was simulated, for the recording."""
+    simulated = {"camera": f"simulated {camera.name}", "robot": "simulated", "scene": scene.name, "seed": str(seed)}
+    return simulated | image_provenance(camera, rendering, seed)
 
 
 def _subject(scene: StringScene) -> NDArray[np.float64]:

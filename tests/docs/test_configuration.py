@@ -77,7 +77,8 @@ def expected() -> set[tuple[str, str | None, str]]:
         if name in KINDS:
             models = KINDS[name]
             shared = set.intersection(*(set(model.model_fields) for model in models.values())) - {"kind", "host"}
-            shared -= {"model"} if name == "camera" else set()
+            # Each kind of camera has its own `model` or `ir_dots`.
+            shared -= {"model", "ir_dots"} if name == "camera" else set()
             found |= {(name, None, key) for key in shared}
             found |= {(name, kind, key) for kind, model in models.items() for key in set(model.model_fields) - shared}
         elif is_section(field.annotation):

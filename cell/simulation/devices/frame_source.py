@@ -9,27 +9,35 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import inverse
 from cell.simulation.devices.world import SimulatedWorld
 from cell.simulation.rendering.calibration_board import Print
-from cell.simulation.rendering.depth_camera import DepthCamera, StillView
-from cell.simulation.rendering.intensity_image import PictureCamera, developed, lighting
+from cell.simulation.rendering.depth_camera import DepthCamera, ImageContent, StillView
+from cell.simulation.rendering.image_renderer import develop
+from cell.simulation.rendering.intensity_image import PictureCamera, lighting
+from cell.simulation.rendering.lighting import LIGHT_STREAM
+from cell.simulation.rendering.stereo_camera import StillPair
 
-# Numbers of random streams. Streams 0, 1, 3 and 6 of the same seed are in `cell.simulation.devices.world`.
-_POSE_STREAM, _EXPOSURE_STREAM, _LIGHT_STREAM, _PICTURE_STREAM = 4, 5, 7, 8
+# Numbers of random streams. Streams 0, 1, 3 and 6 of the same seed are in `cell.simulation.devices.world`, and those
+# from 7 on except 8 in `cell.simulation.rendering`.
+_POSE_STREAM = 4
+_EXPOSURE_STREAM = 5
+_PICTURE_STREAM = 8
 
 
 class FrameSource:
     """Render depth and intensity images of a simulated world from given flange poses.
 
-    Images from the same pose differ only by the noise of each exposure.
+    Images from the same pose differ only by the noise of each exposure. A stereo camera renders its pair of images once
+    per pose, and its intensity image is the left one.
     """
 
     def __init__(self, world: SimulatedWorld) -> None:
         """Prepare the scene of the world for ray casting."""
         import_open3d()
         self.world = world
-        self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed)
+        content = ImageContent(world.rendering, self._print())
+        self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed, content)
         self._depth_rng = np.random.default_rng([world.seed, _EXPOSURE_STREAM])
         self._depth_pose = np.zeros((4, 4))
-        self._still_view: StillView | None = None
+        self._still_view: StillView | StillPair | None = None
         self._picture_camera: PictureCamera | None = None
         self._picture_pose = np.zeros((4, 4))
         self._noiseless_picture = np.zeros((0, 0), dtype=np.float32)
@@ -44,11 +52,7 @@ class FrameSource:
         Returns:
             (H, W) depth along the optical axis, in depth units of the camera. 0 means not measured.
         """
-        if self._still_view is None or not np.array_equal(T_base_flange, self._depth_pose):
-            T_scene_camera = self.world.T_scene_camera(T_base_flange)
-            self._still_view = self._camera.still_view(T_scene_camera, self._rng_at(T_scene_camera, _POSE_STREAM))
-            self._depth_pose = T_base_flange.copy()
-        return self._camera.expose(self._still_view, self._depth_rng)
+        return self._camera.expose(self._still_at(T_base_flange), self._depth_rng)
 
     def render_intensity(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Render the intensity image of one exposure.
@@ -61,15 +65,30 @@ class FrameSource:
         Returns:
             (H, W) grey levels. Each pixel shows the same surface point as that pixel of the depth image.
         """
-        if self._picture_camera is None:
-            light = lighting(np.random.default_rng([self.world.seed, _LIGHT_STREAM]))
-            self._picture_camera = PictureCamera(self._camera, light, self._print())
         if not np.array_equal(T_base_flange, self._picture_pose):
-            T_scene_camera = self.world.T_scene_camera(T_base_flange)
-            self._noiseless_picture = self._picture_camera.still(T_scene_camera)
-            self._picture_rng = self._rng_at(T_scene_camera, _PICTURE_STREAM)
+            self._noiseless_picture = self._still_picture(T_base_flange)
+            self._picture_rng = self._rng_at(self.world.T_scene_camera(T_base_flange), _PICTURE_STREAM)
             self._picture_pose = T_base_flange.copy()
-        return developed(self._noiseless_picture, self._picture_rng)
+        return develop(self._noiseless_picture, self._picture_rng)
+
+    def _still_at(self, T_base_flange: NDArray[np.float64]) -> StillView | StillPair:
+        """Return what all exposures from a pose share. That of the last pose is kept."""
+        if self._still_view is None or not np.array_equal(T_base_flange, self._depth_pose):
+            T_scene_camera = self.world.T_scene_camera(T_base_flange)
+            self._still_view = self._camera.still_view(T_scene_camera, self._rng_at(T_scene_camera, _POSE_STREAM))
+            self._depth_pose = T_base_flange.copy()
+        return self._still_view
+
+    def _still_picture(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return what all intensity images from a pose share, in grey levels (H, W)."""
+        if self.world.camera.stereo is not None:
+            still = self._still_at(T_base_flange)
+            assert isinstance(still, StillPair)
+            return still.left
+        if self._picture_camera is None:
+            light = lighting(np.random.default_rng([self.world.seed, LIGHT_STREAM]))
+            self._picture_camera = PictureCamera(self._camera, light, self._print())
+        return self._picture_camera.still(self.world.T_scene_camera(T_base_flange))
 
     def _print(self) -> Print | None:
         """Return the print of the calibration board in the scene, or None without a board."""

@@ -6,7 +6,7 @@ camera sees a square table around the workspace. It does not see the links of th
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from calibration.storage.hand_eye_file import HandEye
 from calibration.target.board import Board
 from cell.config.camera_config import SimulatedCamera, simulated_camera_id
 from cell.config.cell_config import CellSettings
+from cell.config.rendering_options import RenderingOptions
 from cell.errors import CellSettingsError
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed
 from cell.simulation.rendering.calibration_board import lay_board, plate
-from cell.simulation.rendering.depth_camera import CameraModel, camera_model
+from cell.simulation.rendering.depth_camera import CameraModel, camera_model, draw_bias_px, image_provenance
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene, make_scene
 
@@ -51,6 +52,8 @@ class SimulatedWorld:
     """Root mean square errors of the reported flange poses and of the hand-eye calibration."""
     seed: int
     """Seed of the pose errors, the noise, the light and the pose of the board. `scene` is already drawn."""
+    rendering: RenderingOptions = field(default_factory=RenderingOptions)
+    """Options of the rendered images."""
     board: Board | None = None
     """Calibration board on the table, or None for strings."""
     T_base_board: NDArray[np.float64] | None = None
@@ -60,6 +63,11 @@ class SimulatedWorld:
     def camera_id(self) -> str:
         """Device id of the simulated camera."""
         return simulated_camera_id(self.camera.name, self.seed)
+
+    @property
+    def provenance(self) -> dict[str, str]:
+        """What the images show, for a recording. It is empty for a camera without rendered images."""
+        return image_provenance(self.camera, self.rendering, self.seed)
 
     @property
     def nominal_hand_eye(self) -> HandEye:
@@ -118,9 +126,6 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
         raise CellSettingsError(f"camera.scene: {error}") from error
     errors = PoseErrors().scaled(camera.errors)
     model = camera_model(camera.model)
-    bias_px = 0.0
-    if model.noise is not None:
-        bias_px = model.noise.bias_px * np.random.default_rng([camera.seed, _SESSION]).standard_normal()
     T_base_scene = np.eye(4)
     (x0, x1), (y0, y1), (table_z, _) = settings.workspace_m
     T_base_scene[:3, 3] = (x0 + x1) / 2, (y0 + y1) / 2, table_z
@@ -128,13 +133,14 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
         scene=scene,
         T_base_scene=T_base_scene,
         camera=model,
-        bias_px=float(bias_px),
+        bias_px=draw_bias_px(model, np.random.default_rng([camera.seed, _SESSION])),
         T_flange_camera=T_FLANGE_CAMERA,
         nominal_T_flange_camera=perturbed(
             T_FLANGE_CAMERA, errors.hand_eye_m, errors.hand_eye_rad, np.random.default_rng([camera.seed, _POSES])
         ),
         errors=errors,
         seed=camera.seed,
+        rendering=camera.rendering,
     )
 
 

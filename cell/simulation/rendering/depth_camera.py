@@ -1,14 +1,27 @@
-"""Depth camera that ray-casts a string scene."""
+"""Depth camera that ray-casts a string scene.
 
-from dataclasses import dataclass, replace
+The depth is matched in rendered images, or exact depth with the errors of a noise model.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import rigid
-from cell.config.camera_optics import CameraName, simulated_optics
-from cell.simulation.rendering import meshes
+from cell.camera.frame_averaging import median
+from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M, CameraName, simulated_optics
+from cell.config.rendering_options import RenderingOptions
+from cell.simulation.rendering.appearance import appearance_of_seed
+from cell.simulation.rendering.calibration_board import Print
+from cell.simulation.rendering.image_renderer import ImageRenderer, Scenery
+from cell.simulation.rendering.lighting import LIGHT_STREAM, draw_lamp
+from cell.simulation.rendering.materials import Materials
+from cell.simulation.rendering.ray_caster import RayCaster
+from cell.simulation.rendering.stereo_camera import StereoCamera, StereoPair, StillPair
 from cell.simulation.rendering.stereo_noise import (
     MEDIAN_OF_FIVE,
     StereoNoise,
@@ -22,6 +35,8 @@ from cell.simulation.scenes.scenes import StringScene
 
 DEVICE_STREAM = 9
 """Stream of a seed from which the errors of one device are drawn."""
+EXPOSURES = 5
+"""Number of exposures of a capture."""
 
 
 class CameraModelError(ValueError):
@@ -44,8 +59,12 @@ class CameraModel:
     working_m: tuple[float, float]
     """Smallest and largest distance from which strings are seen well."""
     noise: StereoNoise | None
-    """Error model, or None for exact depth apart from rounding to the unit."""
+    """Error model of exact depth, or None for no errors apart from rounding to the unit."""
     depth_unit_m: float = 0.0001
+    stereo: StereoPair | None = None
+    """Cameras whose rendered images the depth is matched in, or None. `noise` is None with such cameras."""
+    sensor: tuple[int, int] = (1280, 800)
+    """Width and height of the largest depth image, pixels."""
 
     @property
     def K(self) -> NDArray[np.float64]:
@@ -59,10 +78,11 @@ class CameraModel:
         )
 
 
-_SENSOR = (1280, 800)
 _MEASURED: dict[str, Any] = {"warp_px": 0.3, "edge_hole_share": 0.15, "flicker_share": 0.25, "patches": 1.0}
 """Errors of real OAK-D cameras: a warp of some tenths of a pixel, 10 to 19 % holes within 8 pixels of a rim, 2 to 9 %
 of all pixels flickering, and patches of up to 10 pixels on weak texture."""
+_DISPARITY_STEP = 16
+"""The number of disparities of the matching is a multiple of this."""
 
 
 def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
@@ -71,27 +91,39 @@ def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
     return CameraModel(name, focal_px, optics.width, optics.height, optics.near_m, optics.working_m, noise)
 
 
+def _stereo_preset(name: CameraName, disparities: int) -> CameraModel:
+    pair = StereoPair(STEREO_BASELINES_M[name], disparities, has_dots=name in DOT_PROJECTORS)
+    return replace(_preset(name, None), stereo=pair)
+
+
 CAMERAS = {
     model.name: model
     for model in (
+        _stereo_preset("oak-d-pro", 96),
+        _stereo_preset("oak-d-sr", 80),
+        replace(_stereo_preset("d435", 128), depth_unit_m=0.001, sensor=(1280, 720)),
         _preset("ideal-sr", StereoNoise(763.0, 0.020, hole_share=0.03)),
         _preset("ideal", StereoNoise(805.0, 0.075, hole_share=0.02)),
         _preset("ideal-measured", StereoNoise(805.0, 0.075, hole_share=0.02, **_MEASURED)),
         _preset("exact", None),
     )
 }
-"""Presets of cameras. All but `exact` have the depth of `StereoNoise`.
+"""Presets of cameras.
 
-`ideal` has the figures of an OAK-D Pro: a baseline of 75 mm, extended disparity and every second pixel. `ideal-sr` has
-those of an OAK-D SR: 20 mm and all pixels. `ideal-measured` is `ideal` with the errors of real OAK-D cameras.
+`oak-d-pro`, `oak-d-sr` and `d435` match their depth in rendered images. `oak-d-pro` searches the 96 disparities of the
+device; the others search as many as their nearest distance needs. The three `ideal` presets have the depth of
+`StereoNoise`. `ideal` has the figures of an OAK-D Pro: a baseline of 75 mm, extended disparity and every second pixel.
+`ideal-sr` has those of an OAK-D SR: 20 mm and all pixels. `ideal-measured` is `ideal` with the errors of real OAK-D
+cameras.
 """
 
 
 def camera_model(name: str, resolution: tuple[int, int] | None = None) -> CameraModel:
     """Return a preset, or the same camera with another resolution of its depth image.
 
-    The horizontal field of view stays. Stereo matching uses the sensor's 1280x800 pixels for every resolution, so the
-    error in metres does not depend on it.
+    The horizontal field of view stays. A camera with rendered images renders and matches them at the resolution, with
+    the same errors in pixels. The noise models match the sensor's 1280x800 pixels for every resolution, so their error
+    in metres does not depend on it.
 
     Args:
         name: Name of the preset.
@@ -106,11 +138,42 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     if resolution is None:
         return model
     width, height = resolution
-    if not (32 <= width <= _SENSOR[0] and 20 <= height <= width * _SENSOR[1] / _SENSOR[0]):
+    max_width, max_height = model.sensor
+    aspect = model.height / model.width
+    if not (32 <= width <= max_width and 20 <= height <= min(max_height, width * aspect)):
         raise CameraModelError(
-            f"{name} has no depth image of {width}x{height}; up to 1280x800, no higher than 10/16 of the width"
+            f"{name} has no depth image of {width}x{height}; up to {max_width}x{max_height}, no higher than "
+            f"{aspect:.3f} of the width"
         )
-    return replace(model, focal_px=model.focal_px * width / model.width, width=width, height=height)
+    scale = width / model.width
+    scaled = replace(model, focal_px=model.focal_px * scale, width=width, height=height)
+    if model.stereo is None:
+        return scaled
+    steps = math.ceil(model.stereo.disparities * scale / _DISPARITY_STEP)
+    return replace(scaled, stereo=replace(model.stereo, disparities=steps * _DISPARITY_STEP))
+
+
+def draw_bias_px(model: CameraModel, rng: np.random.Generator) -> float:
+    """Draw the disparity error of a session, pixels, which is 0 for a camera without errors."""
+    if model.stereo is not None:
+        return model.stereo.bias_px * float(rng.standard_normal())
+    if model.noise is not None:
+        return model.noise.bias_px * float(rng.standard_normal())
+    return 0.0
+
+
+def image_provenance(model: CameraModel, options: RenderingOptions, seed: int) -> dict[str, str]:
+    """Return what the rendered images of a camera show, for a recording. It is empty without rendered images.
+
+    Args:
+        model: Camera.
+        options: Options of the images.
+        seed: Seed of the device.
+    """
+    if model.stereo is None:
+        return {}
+    appearance = appearance_of_seed(options, seed)
+    return {"sheath": appearance.sheath, "table_top": appearance.table_top, "ir_dots": f"{options.ir_dots:g}"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +192,7 @@ class Surfaces:
 
 @dataclass(frozen=True, eq=False)
 class StillView:
-    """What a camera sees from one pose."""
+    """What a camera without rendered images sees from one pose."""
 
     depth: NDArray[np.float32]
     """Exact depth (H, W), metres; infinite without a hit."""
@@ -137,27 +200,70 @@ class StillView:
     """Depth with all errors except those of each exposure, or None for an exact camera."""
 
 
+@dataclass(frozen=True, eq=False)
+class ImageContent:
+    """What rendered images show, apart from the scene."""
+
+    options: RenderingOptions = field(default_factory=RenderingOptions)
+    """Materials and dots."""
+    board: Print | None = None
+    """Print on the first object beside the strings, or None."""
+
+
 class DepthCamera:
     """A camera and a scene. It is built once and captures from many poses."""
 
-    def __init__(self, model: CameraModel, scene: StringScene, bias_px: float = 0.0, device_seed: int = 0) -> None:
-        import open3d as o3d
+    def __init__(
+        self,
+        model: CameraModel,
+        scene: StringScene,
+        bias_px: float = 0.0,
+        device_seed: int = 0,
+        content: ImageContent | None = None,
+    ) -> None:
+        """Build the scene for ray casting.
 
+        Args:
+            model: Geometry, and errors or stereo cameras.
+            scene: Strings and other objects on the table.
+            bias_px: Disparity error of the session, pixels.
+            device_seed: Seed of the device's errors, and of light and materials in rendered images.
+            content: What rendered images show, or None for the defaults.
+
+        Raises:
+            RenderingOptionsError: The camera does not have the options of the content.
+        """
         self.model = model
         self.bias_px = bias_px
+        self._scene = scene
+        self._device_seed = device_seed
+        self._content = ImageContent() if content is None else content
+        has_dots = model.stereo is not None and model.stereo.has_dots
+        self._content.options.check(model.name, model.stereo is not None, has_dots)
         self._warp = None
         if model.noise is not None:
             rng = np.random.default_rng([device_seed, DEVICE_STREAM])
             self._warp = device_warp(model.noise, (model.height, model.width), rng)
-        self._caster = o3d.t.geometry.RaycastingScene()
-        for vertices, triangles in meshes.scene_meshes(scene):
-            self._caster.add_triangles(o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(triangles))
+        self._caster = RayCaster(scene)
         self.strings = len(scene.curves)
         """Number of meshes that are strings, which come first."""
         u, v = np.meshgrid(np.arange(model.width), np.arange(model.height))
         # not of unit length, so that the distance along a ray is the depth along the optical axis
         rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(model.K).T
         self._rays = rays.astype(np.float32)
+
+    @cached_property
+    def _stereo(self) -> StereoCamera:
+        """Cameras for the images. They are made for the first image, because their textures take time."""
+        model = self.model
+        seed = self._device_seed
+        assert model.stereo is not None
+        options = self._content.options
+        materials = Materials(self._scene, appearance_of_seed(options, seed), seed)
+        lamp = draw_lamp(np.random.default_rng([seed, LIGHT_STREAM]))
+        scenery = Scenery(self._caster, materials, lamp, self._content.board, self.strings)
+        renderer = ImageRenderer(scenery, model.K, model.width, model.height)
+        return StereoCamera(model.stereo, renderer, self.bias_px, seed, options.ir_dots)
 
     def render(self, T_base_camera: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the exact depth (H, W) and the index of the string in each pixel (H, W).
@@ -167,7 +273,7 @@ class DepthCamera:
         Args:
             T_base_camera: Camera pose (4, 4) in the scene.
         """
-        hits = self._cast(self._rays_from(T_base_camera))
+        hits = self._caster.cast_rays(self._rays_from(T_base_camera))
         # the unsigned value for no hit is far beyond the indices of strings
         part = hits["geometry_ids"].astype(np.int64)
         return hits["t_hit"], np.where(part < self.strings, part, -1)
@@ -175,7 +281,7 @@ class DepthCamera:
     def surfaces(self, T_base_camera: NDArray[np.float64]) -> Surfaces:
         """Return the surfaces in front of the camera, for an intensity image."""
         rays = self._rays_from(T_base_camera)
-        hits = self._cast(rays)
+        hits = self._caster.cast_rays(rays)
         depth = hits["t_hit"]
         seen = np.isfinite(depth)
         points = rays[..., :3] + np.where(seen, depth, np.float32(0))[..., None] * rays[..., 3:]
@@ -190,42 +296,49 @@ class DepthCamera:
         rays[..., 3:] = self._rays @ T[:3, :3].T.astype(np.float32)
         return rays
 
-    def _cast(self, rays: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-        import open3d as o3d
-
-        hits = self._caster.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        return {name: hit.numpy() for name, hit in hits.items()}
-
     def capture(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint16]:
         """Return the depth image (H, W) of a capture, in depth units; 0 = not measured.
 
-        It is the median of five exposures, computed in one step.
+        It is the median of five exposures. The noise model computes the median in one step.
 
         Args:
             T_base_camera: Camera pose (4, 4) in the scene.
             rng: Generator of the noise.
         """
-        return self.expose(self.still_view(T_base_camera, rng), rng, MEDIAN_OF_FIVE)
+        still = self.still_view(T_base_camera, rng)
+        if isinstance(still, StillPair):
+            return median([self.expose(still, rng) for _ in range(EXPOSURES)])
+        return self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE))
 
-    def still_view(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> StillView:
-        """Return what all exposures from this pose share."""
+    def still_view(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> StillView | StillPair:
+        """Return what all exposures from this pose share, a pair of images for a camera with rendered images."""
+        if self.model.stereo is not None:
+            return self._stereo.render(T_base_camera)
         depth, string = self.render(T_base_camera)
         if self.model.noise is None:
             return StillView(depth, None)
         still = still_image(depth, self.model.focal_px, self.model.noise, self.bias_px, rng, self._warp)
         return StillView(depth, drop_pixels(still, string >= 0, self.model.noise, rng))
 
-    def expose(self, still_view: StillView, rng: np.random.Generator, frame_share: float = 1.0) -> NDArray[np.uint16]:
+    def expose(self, still: StillView | StillPair, rng: np.random.Generator) -> NDArray[np.uint16]:
         """Return one exposure (H, W), in depth units; 0 = not measured.
 
         Args:
-            still_view: Images that all exposures from the pose share.
+            still: What all exposures from the pose share.
             rng: Generator of the noise.
-            frame_share: Factor on the error of each frame.
         """
-        depth = still_view.depth
-        if self.model.noise is not None and still_view.still is not None:
-            depth = expose(still_view.still, self.model.noise, rng, frame_share)
+        if isinstance(still, StillPair):
+            return self._counts(self._stereo.expose(still, rng).depth_m)
+        return self._counts(self._noisy(still, rng, 1.0))
+
+    def _noisy(self, still_view: StillView, rng: np.random.Generator, frame_share: float) -> NDArray[np.float32]:
+        """Return the depth (H, W), metres, with the errors of an exposure times `frame_share`."""
+        if self.model.noise is None or still_view.still is None:
+            return still_view.depth
+        return expose(still_view.still, self.model.noise, rng, frame_share)
+
+    def _counts(self, depth: NDArray[np.float32]) -> NDArray[np.uint16]:
+        """Return a depth image (H, W) in depth units. 0 is not measured, too near or too far."""
         counts = np.rint(np.where(np.isfinite(depth), depth, 0.0) / self.model.depth_unit_m)
         seen = (depth >= self.model.near_m) & (counts <= np.iinfo(np.uint16).max)
         return np.where(seen, counts, 0).astype(np.uint16)

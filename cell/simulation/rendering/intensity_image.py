@@ -1,4 +1,4 @@
-"""Intensity image of the simulated camera, in grey levels.
+"""Intensity image of the simulated cameras without rendered image pairs, in grey levels.
 
 Modelled: perspective, averaging over the area of a pixel on a calibration board, a lamp that lights the table unevenly,
 shading by the angle to the lamp, vignetting and a slightly soft lens, noise and rounding of the sensor. Not modelled:
@@ -12,24 +12,15 @@ from numpy.typing import NDArray
 
 from cell.simulation.rendering.calibration_board import Print
 from cell.simulation.rendering.depth_camera import DepthCamera, Surfaces
+from cell.simulation.rendering.image_renderer import BLACK, BLUR_PX, INK, NOTHING, PAPER, VIGNETTE, WHITE
+from cell.simulation.rendering.lighting import AMBIENT, draw_lamp
+from cell.simulation.rendering.materials import CLUTTER
 from cell.simulation.rendering.meshes import TABLE_HALF_M
 
-STRING, TABLE, CLUTTER, PAPER, INK = 0.12, 0.42, 0.30, 0.85, 0.06
-"""Reflectances of strings, table, clutter, paper and ink."""
-NOTHING = 0.05
-"""Brightness of a pixel without a surface."""
-AMBIENT = 0.4
-"""Share of ambient light."""
-WHITE = 235.0
-"""Grey level of a white surface in full light in the middle of the image."""
-BLACK = 6.0
-"""Grey level without light."""
-VIGNETTE = 0.3
-"""Relative loss of brightness in the corners of the image."""
-BLUR_PX = 0.5
-"""Blur of the lens, in addition to the area of a pixel."""
-DARK_NOISE, SHOT_NOISE = 1.5, 2.0
-"""Noise in grey levels, without light and from the light alone at level 255."""
+STRING = 0.12
+"""Reflectance of strings."""
+TABLE = 0.42
+"""Mean reflectance of the table."""
 _TEXEL_M = 0.002
 """Size of a texel of the table's texture."""
 
@@ -48,13 +39,11 @@ def lighting(rng: np.random.Generator) -> Lighting:
     """Return a lamp at least a metre above the table and beside it, and a textured table."""
     from scipy.ndimage import gaussian_filter
 
-    bearing = rng.uniform(0, 2 * np.pi)
-    aside_m = rng.uniform(0.3, 0.6)
-    lamp_m = np.array([aside_m * np.cos(bearing), aside_m * np.sin(bearing), rng.uniform(1.0, 1.4)])
+    lamp = draw_lamp(rng)
     texels = round(2 * TABLE_HALF_M / _TEXEL_M)
     white = rng.standard_normal((texels, texels), dtype=np.float32)
     spots = sum(size * gaussian_filter(white, size, mode="wrap") for size in (1.5, 4.0, 12.0))
-    return Lighting(lamp_m, (TABLE * (1 + 0.12 * spots / np.std(spots))).clip(0.1, 0.7).astype(np.float32))
+    return Lighting(lamp.position, (TABLE * (1 + 0.12 * spots / np.std(spots))).clip(0.1, 0.7).astype(np.float32))
 
 
 class PictureCamera:
@@ -110,10 +99,3 @@ class PictureCamera:
         # by the cosine and the squared distance, relative to the middle of the table
         direct = np.maximum(towards, 0) / (square * np.sqrt(square)) * np.float32(np.linalg.norm(lamp) ** 3 / lamp[2])
         return np.float32(AMBIENT) + np.float32(1 - AMBIENT) * direct
-
-
-def developed(still: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return one image (H, W) with the noise and the rounding of the sensor."""
-    spread = np.sqrt(DARK_NOISE**2 + SHOT_NOISE**2 / 255 * np.maximum(still, 0))
-    noisy = still + spread * rng.standard_normal(still.shape, dtype=np.float32)
-    return np.rint(noisy.clip(0, 255)).astype(np.uint8)

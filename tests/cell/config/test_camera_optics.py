@@ -1,4 +1,4 @@
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from cell.config.camera_optics import baseline_m, oak_max_fps
 from cell.simulation.rendering.depth_camera import CAMERAS
 
 
-@pytest.mark.parametrize("name", ["ideal-sr", "ideal", "exact"])
+@pytest.mark.parametrize("name", get_args(CameraName))
 def test_the_optics_of_a_simulated_camera_are_those_of_its_model(name: CameraName) -> None:
     model, optics = CAMERAS[name], SimulatedCamera(model=name).optics
     assert np.array_equal(optics.K, model.K)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, transform_points
+from cell.config.rendering_options import RenderingOptions, RenderingOptionsError
 from cell.recording import RecordingExistsError, read_recording
 from cell.simulation.offline_scan import SimulatedScan, ViewCountError, simulate, truth_path, write_simulation
 from cell.simulation.pose_errors import NO_ERRORS
@@ -51,6 +52,20 @@ def test_without_errors_the_reported_poses_are_true(scene: StringScene) -> None:
     for view, T in zip(exact.views, exact.truth["T_base_camera"], strict=True):
         assert view.T_base_camera == pytest.approx(np.array(T), abs=1e-12)
     assert np.array_equal(exact.header.T_flange_camera, exact.truth["T_flange_camera"])
+
+
+def test_a_stereo_scan_is_repeatable_and_says_what_its_images_show(scene: StringScene) -> None:
+    camera = camera_model("oak-d-pro", (96, 60))
+    drawn, again = (simulate(scene, camera, seed=5, views=1) for _ in range(2))
+    assert np.array_equal(drawn.views[0].depth, again.views[0].depth)
+    given = simulate(scene, camera, seed=5, views=1, rendering=RenderingOptions("smooth", "bare", 0.5))
+    shown = {key: given.header.provenance[key] for key in ("sheath", "table_top", "ir_dots")}
+    assert shown == {"sheath": "smooth", "table_top": "bare", "ir_dots": "0.5"}
+    assert drawn.header.provenance["sheath"] in {"speckled", "painted", "woven"}
+    assert drawn.header.provenance["ir_dots"] == "0"
+    assert "sheath" not in simulate(scene, CAMERA, seed=5, views=1).header.provenance
+    with pytest.raises(RenderingOptionsError, match="ir_dots cannot be set for ideal"):
+        simulate(scene, CAMERA, seed=5, views=1, rendering=RenderingOptions(ir_dots=0.5))
 
 
 @pytest.mark.parametrize("views", [0, -1, 65])

@@ -11,7 +11,8 @@ from cell.config.cell_config import CellSettings
 from cell.planning.look_at import look_at
 from cell.simulation.devices.frame_source import FrameSource
 from cell.simulation.devices.world import SimulatedWorld, simulated_world, world_truth
-from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
+from cell.simulation.rendering.stereo_camera import StereoCamera
 from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE
 
 SMALL = (320, 200)
@@ -142,3 +143,58 @@ def test_intensity_images_do_not_change_the_depth_images() -> None:
     for _ in range(2):
         with_pictures.render_intensity(T_base_flange)
         assert np.array_equal(alone.render_depth(T_base_flange), with_pictures.render_depth(T_base_flange))
+
+
+def stereo_world(**camera: object) -> SimulatedWorld:
+    world = small_world(model="oak-d-pro", errors=0.0, **camera)
+    return replace(world, camera=camera_model("oak-d-pro", (160, 100)))
+
+
+def test_a_stereo_camera_shows_the_same_surfaces_in_depth_and_intensity() -> None:
+    world = replace(stereo_world(sheath="smooth", table_top="printed"), camera=camera_model("oak-d-pro", SMALL))
+    T_base_flange = flange_looking_at(world)
+    source = FrameSource(world)
+    picture = source.render_intensity(T_base_flange).astype(float)
+    z = source.render_depth(T_base_flange) * world.camera.depth_unit_m
+    _, string = DepthCamera(world.camera, world.scene).render(world.T_scene_camera(T_base_flange))
+    on_string = string >= 0
+    assert on_string.sum() > 500
+    # The table's texture varies by 30 %, and the smooth sheath by 2 % and the shading around it.
+    assert picture[on_string].std() < 0.6 * picture[~on_string].std()
+    v, u = np.indices(z.shape)
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(world.camera.K).T
+    points = transform_points(T_base_flange @ world.T_flange_camera, (rays * z[..., None]).reshape(-1, 3))
+    high = points[:, 2].reshape(z.shape) - world.T_base_scene[2, 3]
+    # The matching window lowers the string. A pixel of disparity is 8 mm of depth at this distance and resolution.
+    assert np.median(high[on_string & (z > 0)]) - np.median(high[~on_string & (z > 0)]) > 0.001
+
+
+def test_exposures_of_a_stereo_camera_share_the_rendered_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    rendered = []
+    render = StereoCamera.render
+    monkeypatch.setattr(StereoCamera, "render", lambda self, T: rendered.append(T) or render(self, T))
+    world = stereo_world()
+    source = FrameSource(world)
+    here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
+    first = source.render_depth(here)
+    second = source.render_depth(here)
+    pictures = [source.render_intensity(here) for _ in range(2)]
+    assert len(rendered) == 1
+    assert not np.array_equal(first, second)
+    assert not np.array_equal(pictures[0], pictures[1])
+    assert not np.array_equal(source.render_depth(there), first)
+    assert len(rendered) == 2
+    again = FrameSource(world)
+    assert np.array_equal(again.render_intensity(here), pictures[0])
+    assert np.array_equal(again.render_depth(here), first)
+
+
+def test_the_options_of_the_images_reach_the_camera() -> None:
+    plain, bright = stereo_world(table_top="bare"), stereo_world(table_top="bare", ir_dots=1.0)
+    assert plain.provenance | {"ir_dots": "1"} == bright.provenance
+    assert plain.provenance["table_top"] == "bare"
+    assert small_world(model="ideal").provenance == {}
+    T_base_flange = flange_looking_at(plain)
+    dark, lit = (FrameSource(world).render_intensity(T_base_flange).astype(float) for world in (plain, bright))
+    # Dots of twice the lamp's light stand out of a table without texture.
+    assert np.quantile(lit - dark, 0.99) > 20

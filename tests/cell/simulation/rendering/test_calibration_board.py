@@ -81,9 +81,10 @@ def test_every_pixel_is_the_mean_of_the_print_over_its_area(
     assert np.abs(off).max() < 0.13
 
 
-def test_corners_are_detected_at_their_true_pixels() -> None:
+@pytest.mark.parametrize("model", ["ideal", "oak-d-pro"])
+def test_corners_are_detected_at_their_true_pixels(model: CameraName) -> None:
     """Five exposures are rendered and averaged, and the corners are detected as in a calibration."""
-    world = world_with(Board(), "ideal")
+    world = world_with(Board(), model)
     source = FrameSource(world)
     found, errors = 0, []
     for k in range(6):

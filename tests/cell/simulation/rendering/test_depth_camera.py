@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import NotRigidError, transform_points
 from cell.planning.look_at import look_at
-from cell.simulation.rendering.depth_camera import CAMERAS, CameraModelError, DepthCamera, camera_model
+from cell.simulation.rendering.depth_camera import CAMERAS, CameraModelError, DepthCamera, camera_model, draw_bias_px
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene, make_scene
 
@@ -96,8 +98,8 @@ def test_points_below_the_minimum_distance_are_not_measured() -> None:
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_another_resolution_keeps_the_field_of_view(name: str) -> None:
-    model, preset = camera_model(name, (800, 500)), CAMERAS[name]
-    assert (model.width, model.height) == (800, 500)
+    model, preset = camera_model(name, (800, 450)), CAMERAS[name]
+    assert (model.width, model.height) == (800, 450)
     assert model.width / model.focal_px == pytest.approx(preset.width / preset.focal_px)
     assert model.noise == preset.noise
 
@@ -108,8 +110,67 @@ def test_impossible_resolutions_are_rejected(resolution: tuple[int, int]) -> Non
         camera_model("ideal-sr", resolution)
 
 
+def test_each_sensor_has_its_own_largest_resolution() -> None:
+    assert camera_model("oak-d-pro", (1280, 800)).focal_px == 805
+    assert camera_model("d435", (1280, 720)).height == 720
+    with pytest.raises(CameraModelError, match=r"up to 1280x720, no higher than 0.566 of the width"):
+        camera_model("d435", (1280, 800))
+    with pytest.raises(CameraModelError, match="no depth image of 640x400"):
+        camera_model("d435", (640, 400))
+
+
+@pytest.mark.parametrize("name", ["oak-d-pro", "oak-d-sr", "d435"])
+@pytest.mark.parametrize("width", [64, 424, 640, 848, 1280])
+def test_the_search_reaches_the_smallest_distance_at_every_resolution(name: str, width: int) -> None:
+    model = camera_model(name, (width, width // 2))
+    assert model.stereo is not None
+    assert model.stereo.disparities % 16 == 0
+    assert model.stereo.disparities > model.focal_px * model.stereo.baseline_m / model.near_m
+    assert model.noise is None
+
+
+def test_stereo_cameras_have_the_figures_of_their_products() -> None:
+    figures = {
+        name: (model.stereo.baseline_m, model.stereo.disparities, model.stereo.has_dots, model.depth_unit_m)
+        for name, model in CAMERAS.items()
+        if model.stereo is not None
+    }
+    assert figures == {
+        "oak-d-pro": (0.075, 96, True, 0.0001),
+        "oak-d-sr": (0.020, 80, False, 0.0001),
+        "d435": (0.050, 128, True, 0.001),
+    }
+
+
+def test_a_stereo_camera_renders_exact_depth_too() -> None:
+    scene = make_scene("straight", 0)
+    T = look_at(np.zeros(3), 0.3, 1.0, 0.4, 0.1)
+    stereo = camera_model("oak-d-pro", (96, 60))
+    depth, string = DepthCamera(stereo, scene).render(T)
+    exact = replace(camera_model("ideal", (96, 60)), noise=None)
+    depth_of_exact, string_of_exact = DepthCamera(exact, scene).render(T)
+    assert np.array_equal(depth, depth_of_exact)
+    assert np.array_equal(string, string_of_exact)
+
+
+def test_the_depth_of_a_stereo_camera_is_zero_below_its_minimum_distance() -> None:
+    model = camera_model("oak-d-pro", (160, 100))
+    camera = DepthCamera(model, make_scene("straight", 0))
+    counts = camera.capture(look_at(np.zeros(3), 0.0, 1.0, 0.34, 0.0), np.random.default_rng(0))
+    measured = counts[counts > 0] * model.depth_unit_m
+    assert measured.min() >= model.near_m
+    assert len(measured) > 1000
+
+
+def test_the_bias_of_a_session_has_the_spread_of_the_model() -> None:
+    for name, spread_px in (("oak-d-pro", 0.1), ("ideal", 0.1), ("exact", 0.0)):
+        drawn = [draw_bias_px(camera_model(name), np.random.default_rng(seed)) for seed in range(400)]
+        # The standard deviation of 400 draws is off by 3.5 %.
+        assert np.std(drawn) == pytest.approx(spread_px, rel=0.15)
+
+
 def test_unknown_cameras_are_rejected() -> None:
-    with pytest.raises(CameraModelError, match="known are ideal-sr, ideal, ideal-measured, exact"):
+    with pytest.raises(CameraModelError, match="known are oak-d-pro, oak-d-sr, d435, ideal-sr, ideal, ideal-measured"):
         camera_model("kinect")
 
 
