@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--camera", default="ideal", help="name of the camera; an unknown name lists all (%(default)s)"
     )
+    _add_rendering_options(simulate)
     simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
     simulate.add_argument(
         "--radius", type=float, default=0.0042, metavar="M", help="radius of the strings (%(default)s)"
@@ -154,6 +155,22 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _add_rendering_options(simulate: argparse.ArgumentParser) -> None:
+    simulate.add_argument(
+        "--sheath",
+        choices=("speckled", "painted", "woven", "smooth"),
+        help="surface of the strings in rendered images (one with texture, drawn from the seed)",
+    )
+    simulate.add_argument(
+        "--table-top",
+        choices=("printed", "grained", "bare"),
+        help="surface of the table in rendered images (one with texture, drawn from the seed)",
+    )
+    simulate.add_argument(
+        "--ir-dots", type=float, default=0.0, metavar="SHARE", help="power of the dot projector, 0 to 1 (%(default)s)"
+    )
+
+
 def _resolution(text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
     try:
@@ -167,6 +184,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from cell.config.rendering_options import RenderingOptions
     from cell.simulation.offline_scan import simulate, write_simulation
     from cell.simulation.rendering.depth_camera import camera_model
     from cell.simulation.scenes.scenes import make_scene
@@ -184,7 +202,9 @@ def _simulate(options: argparse.Namespace) -> int:
             strings=options.strings,
             clearance=options.clearance,
         )
-        truth = write_simulation(simulate(scene, camera, options.seed, views=options.views), options.out)
+        rendering = RenderingOptions(options.sheath, options.table_top, options.ir_dots)
+        scan = simulate(scene, camera, options.seed, views=options.views, rendering=rendering)
+        truth = write_simulation(scan, options.out)
     except ValueError as error:
         print(f"pointchain simulate: {error}", file=sys.stderr)
         return 1

@@ -282,11 +282,23 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
     assert len(truth["crossings"]) == 1
 
 
+def test_simulate_renders_the_given_surfaces(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    camera = ("--camera", "oak-d-pro", "--resolution", "96x60", "--views", "1")
+    surfaces = ("--sheath", "woven", "--table-top", "grained", "--ir-dots", "0.4")
+    code, _, err = run(capsys, "simulate", tmp_path / "a.mcap", *camera, *surfaces)
+    assert code == 0, err
+    provenance = read_recording(tmp_path / "a.mcap").header.provenance
+    assert (provenance["sheath"], provenance["table_top"], provenance["ir_dots"]) == ("woven", "grained", "0.4")
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (("--scene", "knot"), "overhand-knot"),
         (("--camera", "kinect"), "ideal-measured"),
+        (("--sheath", "woven"), "sheath cannot be set for ideal, which renders no images: choose oak-d-pro"),
+        (("--camera", "oak-d-pro", "--ir-dots", "2"), "ir_dots is 2; from 0 to 1 is allowed"),
+        (("--camera", "oak-d-sr", "--ir-dots", "0.5"), "oak-d-sr has no dot projector"),
         (("--radius", "1"), "radius"),
         (("--radius", "4.2"), "metres are expected, and 4.2 looks like millimetres"),
         (("--softness", "0.1"), "softness"),
@@ -295,7 +307,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
     ],
 )
 def test_simulate_reports_what_is_wrong(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, str], expected: str
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], expected: str
 ) -> None:
     code, _, err = run(capsys, "simulate", tmp_path / "x.mcap", *arguments)
     assert code == 1
