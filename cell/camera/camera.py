@@ -151,8 +151,9 @@ class LiveCamera:
     def _limits_s(self, count: int) -> tuple[float, float]:
         """Return the longest time without an image, and the longest time until `count` exposures are there."""
         fps = self.settings.frame_rate
+        longest_s = SILENCE_S + self.settings.rendering_s
         # Three times the nominal duration: frames get lost on a poor link.
-        return SILENCE_S + 2 / fps, SILENCE_S + 3 * (count + 1) / fps
+        return longest_s + 2 / fps, longest_s + 3 * (count + 1) / fps
 
     def _burst(self, count: int, after_s: float) -> Burst:
         silence_s, patience_s = self._limits_s(count)

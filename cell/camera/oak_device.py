@@ -212,7 +212,7 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
         pipeline.wait()
         device.close()
 
-    return Stream(pipeline, queue, timing, controls, describe, close, pictures, shutter, dots if lit else None)
+    return Stream(pipeline, queue, timing, controls, describe, close, pictures, shutter, dots=dots if lit else None)
 
 
 def _depth_output(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from cell.camera.driver import Fault
 from cell.camera.frame_averaging import Exposure, Picture, as_burst, combine, wait_for_exposures
-from cell.camera.oak_stream import DEPTH_UNIT_M, Stream, decode, decode_picture, next_message, send
+from cell.camera.oak_stream import Stream, decode, decode_picture, next_message, send
 from cell.config.camera_config import CameraSettings, OakCamera
 from cell.devices import Burst, CameraInfo, Frame
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
@@ -85,7 +85,7 @@ class OakDriver:
                         )
         finally:
             stream.watch(False)
-        return combine(exposures, DEPTH_UNIT_M, pictures)
+        return combine(exposures, stream.depth_unit_m, pictures)
 
     def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:
         """Return single exposures, as `CameraDriver.burst` says."""
@@ -96,7 +96,7 @@ class OakDriver:
             exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
         finally:
             stream.watch(False)
-        return as_burst(exposures, DEPTH_UNIT_M)
+        return as_burst(exposures, stream.depth_unit_m)
 
     def info(self) -> CameraInfo:
         """Return the camera's present state.
@@ -176,7 +176,7 @@ def settle_exposure(stream: Stream, settings: CameraSettings) -> tuple[str, ...]
 
     given_us = settings.exposure_us if isinstance(settings, OakCamera) else None
     needed = max(STEADY_IMAGES, 1 + round(STEADY_FOR_S * settings.frame_rate))
-    end = time.monotonic() + STEADY_S
+    end = time.monotonic() + STEADY_S + settings.rendering_s
     times_us: list[float] = []
     steady = False
     while not steady and (message := next_message(stream.timing, max(end - time.monotonic(), 0.0))) is not None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import depthai as dai
 
 DEPTH_UNIT_M = 0.0001
-"""Metres per depth count of every pipeline here. A real camera is set to it."""
+"""Metres per depth count of a real camera, which is set to it, and of most simulated ones."""
 
 LONGEST_EXPOSURE_S = 0.033
 """Exposure time that is assumed for a depth image without one."""
@@ -69,6 +69,8 @@ class Stream:
     """Rectified intensity images of the camera that takes the depth images, while the gate is open."""
     gate: "dai.InputQueue"
     """Queue for `dai.GateControl`, which switches the intensity images. They have half the size of the depth images."""
+    depth_unit_m: float = DEPTH_UNIT_M
+    """Metres per depth count."""
     dots: Callable[[bool], None] | None = None
     """Switches the dot projector, or None without one. It raises RuntimeError."""
     fault_injection: FaultInjection | None = None

@@ -86,6 +86,11 @@ class CameraSettings(StrictSettings):
         return min(DEFAULT_FPS, self.max_fps) if self.fps is None else self.fps
 
     @property
+    def rendering_s(self) -> float:
+        """Longest time in which a simulated camera renders the images of a view, seconds. It is 0 for a real camera."""
+        return 0.0
+
+    @property
     @abstractmethod
     def device_id(self) -> str | None:
         """Device id of the camera, or None if the settings do not determine it."""
@@ -108,6 +113,13 @@ class CameraSettings(StrictSettings):
         if not (min(value) > 0 and max(value) <= 1.0):
             raise ValueError("width, height and depth are needed, in metres, as [0.10, 0.04, 0.04]")
         return value
+
+
+RENDERING_S = 10.0
+"""Time in which a simulated camera renders and matches the images of a view, on a busy machine too.
+
+A view of `oak-d-sr` takes 3 s of a core.
+"""
 
 
 def simulated_camera_id(model: str, seed: int) -> str:
@@ -151,6 +163,11 @@ class SimulatedCamera(CameraSettings):
     def _has_options(self) -> Self:
         self.rendering.check(self.model, self.model in STEREO_BASELINES_M, self.model in DOT_PROJECTORS)
         return self
+
+    @property
+    def rendering_s(self) -> float:
+        """Longest time in which the images of a view are rendered on a busy machine, seconds."""
+        return RENDERING_S if self.model in STEREO_BASELINES_M else 0.0
 
     @property
     def rendering(self) -> RenderingOptions:

@@ -38,10 +38,23 @@ class FrameSource:
         self._depth_rng = np.random.default_rng([world.seed, _EXPOSURE_STREAM])
         self._depth_pose = np.zeros((4, 4))
         self._still_view: StillView | StillPair | None = None
+        self._dots_on = True
         self._picture_camera: PictureCamera | None = None
         self._picture_pose = np.zeros((4, 4))
         self._noiseless_picture = np.zeros((0, 0), dtype=np.float32)
         self._picture_rng = np.random.default_rng()
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether the images of a new pose take a considerable time, because they are rendered."""
+        return self.world.camera.stereo is not None
+
+    def switch_dots(self, on: bool) -> None:
+        """Switch the dot projector on or off, for the images that are rendered from now on."""
+        if on != self._dots_on:
+            self._dots_on = on
+            self._still_view = None
+            self._picture_pose = np.zeros((4, 4))
 
     def render_depth(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint16]:
         """Render the depth image of one exposure.
@@ -75,7 +88,8 @@ class FrameSource:
         """Return what all exposures from a pose share. That of the last pose is kept."""
         if self._still_view is None or not np.array_equal(T_base_flange, self._depth_pose):
             T_scene_camera = self.world.T_scene_camera(T_base_flange)
-            self._still_view = self._camera.still_view(T_scene_camera, self._rng_at(T_scene_camera, _POSE_STREAM))
+            rng = self._rng_at(T_scene_camera, _POSE_STREAM)
+            self._still_view = self._camera.still_view(T_scene_camera, rng, self._dots_on)
             self._depth_pose = T_base_flange.copy()
         return self._still_view
 

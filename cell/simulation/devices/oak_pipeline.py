@@ -59,6 +59,7 @@ class SimulatedImager:
         self._frames, self._pose, self._period_s = frames, pose, 1 / fps
         self._change = threading.Condition()
         self._waiting, self._ended = False, False
+        self._dots_on = True
         self._fault: Fault = "none"
         self._due_s = time.monotonic()
         self.stop_reason: str | None = None
@@ -69,6 +70,10 @@ class SimulatedImager:
         with self._change:
             self._waiting = waiting
             self._change.notify()
+
+    def switch_dots(self, on: bool) -> None:
+        """Switch the dot projector on or off, for the images that begin from now on."""
+        self._dots_on = on
 
     def fail(self, kind: Fault) -> None:
         """Inject a fault from now on. `none` ends the earlier fault, but a camera that was `lost` stays lost."""
@@ -89,13 +94,17 @@ class SimulatedImager:
             pictured: Whether to render an intensity image too.
 
         Returns:
-            The images, changed by the injected fault. The fault `silent` returns None.
+            The images, changed by the injected fault. The fault `silent` returns None. A camera with rendered images
+            also returns None while no caller waits for them.
 
         Raises:
             OSError: The flange pose cannot be read.
         """
         began_s = time.monotonic()
         T_base_flange = self._pose()
+        if self._frames.is_slow and not self._waiting:
+            return None
+        self._frames.switch_dots(self._dots_on)
         depth = self._frames.render_depth(T_base_flange)
         picture = self._frames.render_intensity(T_base_flange) if pictured else None
         match self._fault:
@@ -237,6 +246,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         width=model.width,
         height=model.height,
         connection="simulated",
+        depth_unit_m=model.depth_unit_m,
         temperature_c=None,
         warnings=(),
     )
@@ -248,4 +258,17 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
         pipeline.wait()
 
     pipeline.start()
-    return Stream(pipeline, depth, depth, controls, lambda: info, close, pictures, gate, fault_injection=imager)
+    dots = imager.switch_dots if world.rendering.ir_dots > 0 else None
+    return Stream(
+        pipeline,
+        depth,
+        depth,
+        controls,
+        lambda: info,
+        close,
+        pictures,
+        gate,
+        depth_unit_m=model.depth_unit_m,
+        dots=dots,
+        fault_injection=imager,
+    )

@@ -310,10 +310,18 @@ class DepthCamera:
             return median([self.expose(still, rng) for _ in range(EXPOSURES)])
         return self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE))
 
-    def still_view(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> StillView | StillPair:
-        """Return what all exposures from this pose share, a pair of images for a camera with rendered images."""
+    def still_view(
+        self, T_base_camera: NDArray[np.float64], rng: np.random.Generator, with_dots: bool = True
+    ) -> StillView | StillPair:
+        """Return what all exposures from a pose share, a pair of images for a camera with rendered images.
+
+        Args:
+            T_base_camera: Camera pose (4, 4) in the scene.
+            rng: Generator of the errors of this pose in the noise model.
+            with_dots: Whether the dot projector is on, if it has power.
+        """
         if self.model.stereo is not None:
-            return self._stereo.render(T_base_camera)
+            return self._stereo.render(T_base_camera, with_dots)
         depth, string = self.render(T_base_camera)
         if self.model.noise is None:
             return StillView(depth, None)

@@ -37,7 +37,7 @@ SHOT_NOISE = 2.0
 
 _SAMPLES = 2
 """Number of rays per pixel and axis."""
-_BAND = 64
+_BAND = 32
 """Number of pixel rows that are rendered in one step, which bounds the memory."""
 
 

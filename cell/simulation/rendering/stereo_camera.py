@@ -92,13 +92,19 @@ class StereoCamera:
         if ir_dots > 0 and pair.has_dots:
             self._dots = DotProjector(ir_dots, np.random.default_rng([device_seed, _DOTS_STREAM]))
 
-    def render(self, T_scene_camera: NDArray[np.float64]) -> StillPair:
-        """Return both images from a pose (4, 4) of the left camera."""
+    def render(self, T_scene_camera: NDArray[np.float64], with_dots: bool = True) -> StillPair:
+        """Return both images from a pose.
+
+        Args:
+            T_scene_camera: Pose (4, 4) of the left camera.
+            with_dots: Whether the dot projector is on, if it has power.
+        """
+        dots = self._dots if with_dots else None
         baseline_m = self._pair.baseline_m
         T_right = _moved_right(T_scene_camera, baseline_m)
         T_projector = _moved_right(T_scene_camera, baseline_m / 2)
-        left = self._renderer.render(T_scene_camera, None, self._dots, T_projector)
-        right = self._renderer.render(T_right, self._shift, self._dots, T_projector)
+        left = self._renderer.render(T_scene_camera, None, dots, T_projector)
+        right = self._renderer.render(T_right, self._shift, dots, T_projector)
         return StillPair(left, right)
 
     def expose(self, still: StillPair, rng: np.random.Generator) -> StereoExposure:

@@ -21,7 +21,7 @@ from cell.camera.frame_averaging import NoFramesError
 from cell.camera.oak_device import calibration_warnings, configure_depth, unreachable
 from cell.camera.oak_driver import OakDriver, settle_exposure
 from cell.camera.oak_stream import LONGEST_EXPOSURE_S, Stream, decode, decode_picture, load, next_message, send
-from cell.config.camera_config import OakCamera, SimulatedCamera
+from cell.config.camera_config import CameraName, OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.devices import CameraInfo
 from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, CellError
@@ -529,6 +529,42 @@ def test_a_frame_has_a_picture_only_on_request(world: SimulatedWorld) -> None:
     assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
     # 16,000 pixels give 0.01 grey levels of spread.
     assert abs(off.mean()) < 0.05
+
+
+def stereo_world(model: CameraName, size: tuple[int, int], ir_dots: float) -> SimulatedWorld:
+    settings = SimulatedCamera(model=model, errors=0.0, scene="straight", table_top="bare", ir_dots=ir_dots)
+    return replace(simulated_world(CellSettings(camera=settings)), camera=camera_model(model, size))
+
+
+def test_the_unit_of_the_depth_is_that_of_the_simulated_camera() -> None:
+    world = stereo_world("d435", (160, 90), 0.0)
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        info = oak.open()
+        frame = oak.capture(time.monotonic(), 5.0, 10.0)
+    assert (info.depth_unit_m, frame.depth_unit_m) == (0.001, 0.001)
+    # The camera is 0.4 m from the table.
+    assert np.median(frame.depth[frame.depth > 0]) * frame.depth_unit_m == pytest.approx(0.4, abs=0.02)
+
+
+def test_pictures_of_a_simulated_camera_have_no_dots() -> None:
+    world = stereo_world("oak-d-pro", (160, 100), 1.0)
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        oak.open()
+        frame = oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)
+        depth_after = oak.capture(time.monotonic(), 5.0, 10.0).depth
+    assert frame.image is not None
+    source = FrameSource(world)
+    dotted = source.render_intensity(T_base_flange).astype(float)
+    source.switch_dots(False)
+    dark = source.render_intensity(T_base_flange).astype(float)
+    # The noise of one image is about 2 grey levels. Dots have up to 200.
+    assert np.abs(frame.image - dark).max() < 15
+    assert np.abs(frame.image - dotted).max() > 50
+    # The depth is measured with dots, before and after. The right camera does not see the first 12 % of the columns.
+    for depth in (frame.depth, depth_after):
+        assert np.mean(np.abs(depth * 0.0001 - 0.4) < 0.08) > 0.7
 
 
 def test_pictures_show_the_pose_at_the_time_of_their_exposure(world: SimulatedWorld) -> None:

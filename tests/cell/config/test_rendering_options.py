@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from cell.config.camera_config import SimulatedCamera
+from cell.config.camera_config import OakCamera, SimulatedCamera
 from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M
 from cell.config.rendering_options import RenderingOptions, RenderingOptionsError
 
@@ -35,6 +35,12 @@ def test_options_that_a_camera_does_not_have_are_rejected(settings: dict[str, An
 def test_a_power_out_of_range_is_rejected() -> None:
     with pytest.raises(RenderingOptionsError, match="from 0 to 1"):
         RenderingOptions(ir_dots=-0.1).check("d435", has_images=True, has_dots=True)
+
+
+def test_only_rendered_images_need_time() -> None:
+    assert SimulatedCamera(model="oak-d-sr").rendering_s > 3
+    assert SimulatedCamera(model="ideal").rendering_s == 0
+    assert OakCamera(kind="oak").rendering_s == 0
 
 
 def test_every_projector_belongs_to_a_stereo_camera() -> None:

@@ -10,9 +10,10 @@ from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.planning.look_at import look_at
 from cell.simulation.devices.frame_source import FrameSource
+from cell.simulation.devices.oak_pipeline import SimulatedImager
 from cell.simulation.devices.world import SimulatedWorld, simulated_world, world_truth
 from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
-from cell.simulation.rendering.stereo_camera import StereoCamera
+from cell.simulation.rendering.stereo_camera import StereoCamera, StillPair
 from cell.simulation.rendering.stereo_noise import MEDIAN_OF_FIVE
 
 SMALL = (320, 200)
@@ -172,7 +173,12 @@ def test_a_stereo_camera_shows_the_same_surfaces_in_depth_and_intensity() -> Non
 def test_exposures_of_a_stereo_camera_share_the_rendered_pair(monkeypatch: pytest.MonkeyPatch) -> None:
     rendered = []
     render = StereoCamera.render
-    monkeypatch.setattr(StereoCamera, "render", lambda self, T: rendered.append(T) or render(self, T))
+
+    def counted(self: StereoCamera, T: NDArray[np.float64], with_dots: bool) -> StillPair:
+        rendered.append(T)
+        return render(self, T, with_dots)
+
+    monkeypatch.setattr(StereoCamera, "render", counted)
     world = stereo_world()
     source = FrameSource(world)
     here, there = flange_looking_at(world, 0.4), flange_looking_at(world, 2.0)
@@ -187,6 +193,29 @@ def test_exposures_of_a_stereo_camera_share_the_rendered_pair(monkeypatch: pytes
     again = FrameSource(world)
     assert np.array_equal(again.render_intensity(here), pictures[0])
     assert np.array_equal(again.render_depth(here), first)
+
+
+def test_dots_are_switched_for_new_images() -> None:
+    world = stereo_world(table_top="bare", ir_dots=1.0)
+    T_base_flange = flange_looking_at(world)
+    source = FrameSource(world)
+    bright = source.render_intensity(T_base_flange).astype(float)
+    source.switch_dots(False)
+    dark = source.render_intensity(T_base_flange).astype(float)
+    without = FrameSource(replace(world, rendering=replace(world.rendering, ir_dots=0.0)))
+    assert np.array_equal(dark, without.render_intensity(T_base_flange))
+    source.switch_dots(True)
+    assert np.array_equal(source.render_intensity(T_base_flange), bright)
+
+
+def test_a_camera_with_rendered_images_renders_only_while_it_is_watched() -> None:
+    for model, is_slow in (("oak-d-pro", True), ("ideal", False)):
+        world = replace(small_world(model=model), camera=camera_model(model, (64, 40)))
+        T_base_flange = flange_looking_at(world)
+        imager = SimulatedImager(FrameSource(world), lambda pose=T_base_flange: pose, fps=30.0)
+        assert (imager.take(pictured=False) is None) == is_slow
+        imager.set_waiting(True)
+        assert imager.take(pictured=False) is not None
 
 
 def test_the_options_of_the_images_reach_the_camera() -> None:

@@ -78,7 +78,7 @@ def test_a_textured_table_is_measured_to_a_fraction_of_a_pixel() -> None:
     assert np.mean(np.abs(error) > 1) < 0.002
 
 
-def test_a_bare_table_is_measured_badly_and_dots_mend_it() -> None:
+def test_a_bare_table_is_measured_badly_and_dots_give_it_texture() -> None:
     bare, dotted = (table_error_px(camera("smooth", "bare", dots)) for dots in (0.0, 0.6))
     # Without texture, the matching finds some disparity or none: more than half of the pixels are wrong or missing.
     assert np.mean(~(np.abs(bare) < 1)) > 0.3
