@@ -118,7 +118,7 @@ def observe(
         registration=registration,
         points=registration.points,
         normals=registration.normals,
-        support=SupportSurface(scene.table_z_m, merge_heights(ingested, registration)),
+        support=SupportSurface(scene.table_z_m, merge_heights(ingested, registration), ingested.compression),
         occlusion_map=OcclusionMap(registration.points, registration.clouds),
         clouds=registration.clouds,
     )

@@ -36,11 +36,13 @@ def point_uncertainty(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the sigma across the string and the number of views at each point of a fitted strand.
 
-    An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of three terms:
+    An interval of 2 sigma covers the true centre line in 95 % of the cases. The variance is the sum of four terms:
 
     - pose errors of the views after registration;
     - the error of the fit (`fit_variance`);
-    - slow errors of the depth, which are the same for all pixels beside a point (`_depth_variance`).
+    - slow errors of the depth, which are the same for all pixels beside a point (`_depth_variance`);
+    - errors of the depth on the string itself, which the table does not show. The heights of a resting string show them
+      upwards, and they are as large sideways.
 
     Args:
         strand: Fitted strand with N points.
@@ -54,6 +56,7 @@ def point_uncertainty(
     views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
     variance = _pose_variance(strand.points, registration) + fit_variance(strand, scatter_m)
     variance += _depth_variance(strand, registration, views, scatter_m)
+    variance += strand.height_ripple_m**2
     return np.maximum(np.sqrt(variance), MIN_SIGMA_M), views
 
 

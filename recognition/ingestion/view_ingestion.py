@@ -11,10 +11,17 @@ from recognition.errors import TableElsewhereError, TooCrowdedError
 from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.height_compression import (
+    MAX_CHANGE,
+    Ridges,
+    estimate_compression,
+    find_ridges,
+    restore_heights,
+)
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.table_measurement import SEARCH_M, height_far_from_table
-from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud, preprocess
+from recognition.preprocessing.target_cloud import AlignedView, DepthView, Scene, TargetCloud, align_view, select_target
 from recognition.preprocessing.view_selection import exclusion_reason, select_views
 from recognition.registration.correspondences import Correspondences, compared_earlier_views, find_correspondences
 from recognition.registration.measured_table import MeasuredTable
@@ -47,6 +54,12 @@ class IngestedViews:
     """Excluded views, each with the reason."""
     no_string_reason: str | None
     """Why the scene has no string; None if a string is visible."""
+    aligned: Sequence[AlignedView] = ()
+    """All views aligned to the table plane, before heights were restored."""
+    ridges: Sequence[Ridges] = ()
+    """Ridges in each of them."""
+    compression: float = 1.0
+    """Compression of heights that was restored in all views."""
 
     @property
     def scene(self) -> Scene:
@@ -76,6 +89,9 @@ class _Ingestion:
     clouds: list[NormalCloud] = field(default_factory=list)
     correspondences: list[Correspondences] = field(default_factory=list)
     crowded: dict[int, TooCrowdedError] = field(default_factory=dict)
+    aligned: list[AlignedView] = field(default_factory=list)
+    ridges: list[Ridges] = field(default_factory=list)
+    compression: float = 1.0
 
     @classmethod
     def continue_from(cls, earlier: IngestedViews) -> Self:
@@ -88,36 +104,69 @@ class _Ingestion:
             clouds=[*earlier.clouds],
             correspondences=[*earlier.correspondences],
             crowded={**earlier.crowded},
+            aligned=[*earlier.aligned],
+            ridges=[*earlier.ridges],
+            compression=earlier.compression,
         )
 
     def add(self, view: DepthView) -> None:
-        """Preprocess a further view; all views are preprocessed again if it changes warp or table."""
+        """Preprocess a further view; all views are preprocessed again if it changes what was measured in them."""
         if self.measured.add(view):
             self.preprocess_again()
+            return
+        self._align_new_views()
+        if self._has_new_compression():
+            self._preprocess_all()
         else:
-            self.preprocess(len(self.measured.views) - 1)
+            self.preprocess(len(self.aligned) - 1)
 
     def finish(self) -> None:
-        """Use the table of a single view, because no view follows. Raises TableElsewhereError if it is doubtful."""
+        """Use what few views show, because no view follows. Raises TableElsewhereError if their table is doubtful."""
         if self.measured.finish():
             self.preprocess_again()
 
     def preprocess_again(self) -> None:
-        """Preprocess all views with the present warp and table."""
+        """Preprocess all views with the present errors of the camera and the present table."""
+        self.aligned.clear()
+        self.ridges.clear()
+        self._align_new_views()
+        self.compression = estimate_compression(self.ridges, self.parameters.r)
+        self._preprocess_all()
+
+    def _align_new_views(self) -> None:
+        """Align the views that were added, and find their ridges."""
+        for number in range(len(self.aligned), len(self.measured.views)):
+            aligned = align_view(self.measured.corrected(number), self.parameters, self.measured.scene)
+            self.aligned.append(aligned)
+            self.ridges.append(find_ridges(aligned))
+
+    def _has_new_compression(self) -> bool:
+        """Measure the compression of heights in all views. Return whether it has changed."""
+        compression = estimate_compression(self.ridges, self.parameters.r)
+        if abs(compression - self.compression) <= MAX_CHANGE:
+            return False
+        self.compression = compression
+        return True
+
+    def _preprocess_all(self) -> None:
+        """Preprocess all aligned views."""
         self.targets.clear()
         self.layers.clear()
         self.clouds.clear()
         self.correspondences.clear()
         self.crowded.clear()
-        for number in range(len(self.measured.views)):
+        for number in range(len(self.aligned)):
             self.preprocess(number)
 
     def preprocess(self, number: int) -> None:
-        """Preprocess the next view, number `number`, and pair it with the nearest of those before it."""
-        view = self.measured.corrected(number)
-        target = preprocess(view, self.parameters, self.measured.scene)
+        """Preprocess the next aligned view, number `number`, and pair it with the nearest of those before it."""
+        aligned = self.aligned[number]
+        image = aligned.view
+        if self.compression < 1:
+            image = restore_heights(aligned, self.compression)
+        target = select_target(aligned, image, self.compression)
         self.targets.append(target)
-        self.layers.append(height_layer(view, target, self.measured.scene))
+        self.layers.append(height_layer(image, target, self.measured.scene))
         if exclusion_reason(target) is not None:
             return
         try:
@@ -187,6 +236,9 @@ def ingest_views(
         crowded=ingestion.crowded,
         excluded=excluded,
         no_string_reason=no_string_reason,
+        aligned=ingestion.aligned,
+        ridges=ingestion.ridges,
+        compression=ingestion.compression,
     )
 
 

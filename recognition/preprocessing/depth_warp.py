@@ -95,13 +95,16 @@ class DepthWarp:
     """(J,) coefficients of the polynomials `TERMS`: the error of the inverse depth, 1/m."""
     rms_m: float
     """Root mean square of the depth error on the table, metres."""
+    limit_per_m: float = np.inf
+    """Largest error of the inverse depth where the table was measured, 1/m. Beyond it, the polynomials are unknown."""
 
     def inverse_depth_error(self, shape: tuple[int, int]) -> NDArray[np.float64]:
         """Return the error (H, W) of the inverse depth of each pixel of an image, 1/m."""
         by_row, by_column = (legvander(_across(np.arange(n), n), DEGREE) for n in shape)
         C = np.zeros((DEGREE + 1, DEGREE + 1))
         C[tuple(np.transpose(TERMS))] = self.coefficients
-        return np.asarray(by_row @ C @ by_column.T, dtype=np.float64)
+        error = by_row @ C @ by_column.T
+        return np.clip(error, -self.limit_per_m, self.limit_per_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +123,16 @@ class CorrectedView:
     """(4, 4) camera pose, metres."""
 
 
-def sample_table(view: DepthView, plane: ViewPlane, scene: Scene) -> TableSample | None:
+def sample_table(view: DepthView, plane: ViewPlane, scene: Scene, size: int = SAMPLE_SIZE) -> TableSample | None:
     """Return pixels of a view near the table, or None if it shows too little of it.
 
     Args:
         view: Depth image with its camera pose.
         plane: Plane of the table in the view.
         scene: Given table height, and sides of the workspace.
+        size: Approximate number of pixels after even subsampling.
     """
-    rows, columns, points = pixels_near_table(view, scene, SAMPLE_SIZE)
+    rows, columns, points = pixels_near_table(view, scene, size)
     height_m = points[:, 2] - plane.centre[2] - (points[:, :2] - plane.centre[:2]) @ plane.slope
     near = np.abs(height_m) < NEAR_M
     if near.sum() < MIN_PIXELS:
@@ -179,7 +183,8 @@ def measure_warp(views: Sequence[TableSample]) -> DepthWarp | None:
     rms_m = _rms_on_table(fit.coefficients, views)
     if is_chance or is_contradicted or rms_m < MIN_WARP_M:
         return None
-    return DepthWarp(fit.coefficients, rms_m)
+    limit = max(float(np.abs(view.terms @ fit.coefficients).max()) for view in views)
+    return DepthWarp(fit.coefficients, rms_m, limit)
 
 
 def is_similar(a: DepthWarp | None, b: DepthWarp | None, views: Sequence[TableSample]) -> bool:

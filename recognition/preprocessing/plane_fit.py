@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 APART_INLIERS_M = (-0.002, 0.0008)
 """Range of the distances of inliers from a plane beside another one, metres. The upper limit excludes a flat object."""
@@ -21,6 +22,16 @@ CLIPPED_SHARE = 0.9546
 """Standard deviation of the part of a normal distribution within `CLIP_SIGMAS`, in standard deviations of the whole."""
 CLIP_PASSES = 4
 """Number of passes of clipping. The first interval is up to a fifth too short."""
+PEAK_RANGE_M = (-0.004, 0.02)
+"""Range of the heights above the lower of two planes in which a second peak is searched, metres."""
+PEAK_BIN_M = 0.0001
+"""Width of the bins of the density of heights, metres."""
+PEAK_BLUR_M = 0.0003
+"""Standard deviation of the blur of the density, metres."""
+MIN_PEAK_M = 0.0009
+"""Minimum height of the second peak, metres."""
+MAX_VALLEY_SHARE = 0.8
+"""Maximum density between two peaks, as a share of the lower one."""
 APART_SIGMAS = 2.0
 """Minimum distance of points of another plane, in standard deviations of the points of this plane. Noise has 2 % of its
 points so far on one side, much less than a plane."""
@@ -96,6 +107,22 @@ def _mode_interval(values: NDArray[np.float64]) -> tuple[float, float]:
     n = max(int(MODE_SHARE * len(ordered)), 1)
     first = int(np.argmin(ordered[n:] - ordered[:-n]))
     return float(ordered[first]), float(ordered[first + n])
+
+
+def is_other_peak(heights: NDArray[np.float64]) -> bool:
+    """Return whether heights (N,) above a plane have a second peak, as of a flat object, above a valley.
+
+    The noise of a stereo camera is uneven: 15 % of the points of one plane may be far on one side of it. But they have
+    no peak of their own.
+    """
+    counts, edges = np.histogram(heights, np.arange(*PEAK_RANGE_M, PEAK_BIN_M))
+    density = gaussian_filter1d(counts.astype(np.float64), PEAK_BLUR_M / PEAK_BIN_M, mode="constant")
+    plane = int(np.searchsorted(edges, 0.0))
+    apart = int(np.searchsorted(edges, MIN_PEAK_M))
+    upper = apart + int(density[apart:].argmax())
+    lower_peak = float(density[: plane + (apart - plane) // 2 + 1].max())
+    valley = float(density[plane : upper + 1].min())
+    return valley < MAX_VALLEY_SHARE * min(lower_peak, float(density[upper]))
 
 
 def is_apart(residual: NDArray[np.float64], min_distance_m: float, min_points: float) -> NDArray[np.bool_]:

@@ -20,6 +20,9 @@ EDGE_M = 0.002
 
 Beyond it, on simulated scans, 99 % of the cells are within 0.5 mm of the table.
 """
+EDGE_RADII = 1.0
+"""The same distance in radii of the string, if that is more. Matching windows of a stereo camera raise the floor so far
+beside a string."""
 MAX_POSITIONS = 40
 """Maximum number of positions along a string at which the height beside it is measured."""
 MAX_DISTANCE_M = 0.08
@@ -35,6 +38,8 @@ class SupportSurface:
     """Height of the table plane, metres, base frame."""
     heights: HeightMap | None = None
     """Height map of the workspace; None if only the table plane is known."""
+    compression: float = 1.0
+    """Compression of heights by matching windows that was restored; 1 if there was none."""
 
     def height_under(self, line: NDArray[np.float64], radius_m: float) -> float:
         """Return the height of the surface that a string rests on.
@@ -50,7 +55,7 @@ class SupportSurface:
         if self.heights is None or self.heights.z_m.size == 0:
             return self.table_z_m
         step = -(-len(line) // MAX_POSITIONS)
-        beside = self.heights.floor_beside(line[::step, :2], radius_m + EDGE_M)
+        beside = self.heights.floor_beside(line[::step, :2], radius_m + max(EDGE_M, EDGE_RADII * radius_m))
         if not np.isfinite(beside).any():
             return self.table_z_m
         height = float(np.nanpercentile(beside, RAISED_PERCENTILE))

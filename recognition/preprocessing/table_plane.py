@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane, is_apart
+from recognition.preprocessing.plane_fit import MIN_INLIERS, fit_apart, fit_plane, is_apart, is_other_peak
 
 INLIER_DISTANCES_M = (0.006, 0.003, 0.002)
 """Maximum distance of inliers from the plane in each pass of the fit, metres."""
@@ -60,9 +60,12 @@ def table_alignment(points: NDArray[np.float64], table_z_m: float, parameters: C
     is_lower = is_apart(A @ plane - near[:, 2], MIN_LOWER_M, max(MIN_LOWER_SHARE * len(near), MIN_INLIERS))
     if is_lower.any():
         # A large flat object covers part of the table.
-        plane, is_inlier = fit_apart(A, near[:, 2], fit_plane(A[is_lower], near[is_lower, 2]))
-        if is_inlier.sum() < MIN_INLIERS:
+        lower, is_on_lower = fit_apart(A, near[:, 2], fit_plane(A[is_lower], near[is_lower, 2]))
+        if is_on_lower.sum() < MIN_INLIERS:
             return np.eye(4)
+        if is_other_peak(near[:, 2] - A @ lower):
+            plane = lower
+            is_inlier = is_on_lower
     slope_x, slope_y, height = plane
     spread = np.linalg.eigvalsh(np.cov(near[is_inlier, :2].T)) ** 0.5
     is_too_far = abs(height - table_z_m) > MAX_HEIGHT_ERROR_M or np.hypot(slope_x, slope_y) > MAX_TILT_RAD

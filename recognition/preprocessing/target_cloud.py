@@ -107,7 +107,7 @@ class TargetCloud:
     constant_depth: bool
     """True if all measured pixels (at least two) have the same depth, as in the images of a defective sensor."""
     image: DepthView | None = None
-    """View that the points come from; None if unknown."""
+    """View that the points come from, without the errors of its camera; None if unknown."""
     scatter: TableScatter = field(default_factory=TableScatter)
     """Scatter of the depth, measured on the table."""
     n_below: int = 0
@@ -115,6 +115,31 @@ class TargetCloud:
     if the scatter of single pixels exceeds its limit, else 0."""
     threshold_m: float = 0.0
     """Height threshold z_t above the table, metres; 0 if unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class AlignedView:
+    """A view that is aligned to the table plane."""
+
+    view: DepthView
+    """Depth image with its pose before the alignment."""
+    T_table_alignment: NDArray[np.float64]
+    """(4, 4) correction that aligns the view to the table plane, base to base, metres."""
+    parameters: ChainParameters
+    """Method parameters."""
+    scene: Scene
+    """Table height and workspace."""
+    scatter: TableScatter
+    """Scatter of the depth, measured on the table."""
+    n_in_workspace: int
+    """Number of measured pixels in the workspace, estimated from a sample in a large image."""
+    pixels_per_m: float
+    """Resolution of the image at the usual depth, 0 without a depth."""
+
+    @property
+    def T_base_camera(self) -> NDArray[np.float64]:
+        """(4, 4) camera pose after the alignment, metres."""
+        return self.T_table_alignment @ self.view.T_base_camera
 
 
 def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> TargetCloud:
@@ -135,37 +160,70 @@ def preprocess(view: DepthView, parameters: ChainParameters, scene: Scene) -> Ta
         Sections II.A and II.B. The paper removes "floor and experimental equipment" by the threshold on z_w alone.
         The alignment to the table plane and the filter of flying pixels are not in the paper.
     """
+    return select_target(align_view(view, parameters, scene))
+
+
+def align_view(view: DepthView, parameters: ChainParameters, scene: Scene) -> AlignedView:
+    """Align a view to the table plane, and measure the scatter of its depth on the table.
+
+    Args:
+        view: Depth image with its camera pose.
+        parameters: Method parameters; uses the radius r and the height threshold z_t.
+        scene: Table height and workspace.
+    """
     depth = view.depth
     step = int(np.ceil(np.sqrt(max(depth.size / SAMPLE_SIZE, 1.0))))
     rows, columns = (a.ravel() for a in np.mgrid[step // 2 : depth.shape[0] : step, step // 2 : depth.shape[1] : step])
     measured = depth[rows, columns] > 0
     sample = deproject(view, rows[measured], columns[measured])
-    sample = sample[_is_in_workspace(sample, scene)]
+    sample = sample[is_in_workspace(sample, scene)]
     T_table_alignment = table_alignment(sample, scene.table_z_m, parameters)
-    T_base_camera = T_table_alignment @ view.T_base_camera
     is_aligned = not np.array_equal(T_table_alignment, np.eye(4))
     table_points = transform_points(T_table_alignment, sample)
-    distance = np.inf
+    distance_m = np.inf
     if measured.any():
-        distance = float(np.median(depth[rows[measured], columns[measured]]))
-    patches = _patches(view, T_table_alignment, parameters, scene, distance)
-    scatter = table_scatter(table_points, patches, scene.table_z_m, parameters, is_aligned)
+        distance_m = float(np.median(depth[rows[measured], columns[measured]])) * view.depth_unit_m
+    pixels_per_m = float(view.K[0, 0]) / distance_m
+    patches = _patches(view, T_table_alignment, parameters, scene, pixels_per_m)
+    return AlignedView(
+        view=view,
+        T_table_alignment=T_table_alignment,
+        parameters=parameters,
+        scene=scene,
+        scatter=table_scatter(table_points, patches, scene.table_z_m, parameters, is_aligned),
+        n_in_workspace=min(len(sample) * step**2, int(np.count_nonzero(depth))),
+        pixels_per_m=pixels_per_m,
+    )
 
-    points = _points_beyond(view, T_table_alignment, parameters, scene, 1)
+
+def select_target(aligned: AlignedView, image: DepthView | None = None, compression: float = 1.0) -> TargetCloud:
+    """Return the points of an aligned view in the workspace at more than z_t above the table.
+
+    Args:
+        aligned: View aligned to the table plane.
+        image: The same view with restored heights. None means that nothing is restored.
+        compression: Compression of the heights that was restored.
+    """
+    view = aligned.view
+    depth = view.depth
+    parameters = aligned.parameters
+    image = image or view
+    points = _points_beyond(aligned, image, parameters.z_t, 1)
     n_below = 0
-    if scatter.pixel_m > max_scatter_m(parameters):
-        n_below = len(_points_beyond(view, T_table_alignment, parameters, scene, -1))
+    if aligned.scatter.pixel_m > max_scatter_m(parameters):
+        # noise above the table was enlarged with all heights, but not the noise below it
+        n_below = len(_points_beyond(aligned, view, compression * parameters.z_t, -1))
     n_measured = int(np.count_nonzero(depth))
     return TargetCloud(
         view=view.index,
         points=points,
-        T_base_camera=T_base_camera,
-        T_table_alignment=T_table_alignment,
+        T_base_camera=aligned.T_base_camera,
+        T_table_alignment=aligned.T_table_alignment,
         n_measured=n_measured,
-        n_in_workspace=min(len(sample) * step**2, n_measured),
+        n_in_workspace=aligned.n_in_workspace,
         constant_depth=n_measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
-        image=view,
-        scatter=scatter,
+        image=image,
+        scatter=aligned.scatter,
         n_below=n_below,
         threshold_m=parameters.z_t,
     )
@@ -203,37 +261,35 @@ def _patches(
     T_table_alignment: NDArray[np.float64],
     parameters: ChainParameters,
     scene: Scene,
-    distance: float,
+    pixels_per_m: float,
 ) -> NDArray[np.float64]:
     """Return points (M, n, 3) of patches as wide as a string, not a number where nothing in the workspace is measured.
 
     The errors of neighbouring pixels are similar. An even sample of the image has too few pixels in a patch to show it.
-    `distance` is the usual depth in the image, in units of the view.
+    `pixels_per_m` is the resolution at the usual depth in the image.
     """
-    edge_px = 2 * parameters.r * float(view.K[0, 0]) / (distance * view.depth_unit_m)
+    edge_px = 2 * parameters.r * pixels_per_m
     rows, columns = patch_pixels(view.depth.shape, edge_px)
     points = deproject(view, rows.ravel(), columns.ravel())
-    usable = (view.depth[rows, columns].ravel() > 0) & _is_in_workspace(points, scene)
+    usable = (view.depth[rows, columns].ravel() > 0) & is_in_workspace(points, scene)
     points = transform_points(T_table_alignment, points)
     points[~usable] = np.nan
     return points.reshape(*rows.shape, 3)
 
 
-def _points_beyond(
-    view: DepthView, T_table_alignment: NDArray[np.float64], parameters: ChainParameters, scene: Scene, side: int
-) -> NDArray[np.float64]:
-    """Return the points (N, 3) on a surface at more than z_t above the table, or below it if `side` is -1.
+def _points_beyond(aligned: AlignedView, image: DepthView, distance_m: float, side: int) -> NDArray[np.float64]:
+    """Return the points (N, 3) on a surface at more than a distance above the table, or below it if `side` is -1.
 
     The workspace is mirrored for the points below.
     """
-    height_m = scene.table_z_m + side * parameters.z_t
-    rows, columns = _pixels_beyond(view, T_table_alignment @ view.T_base_camera, height_m, side)
-    points = transform_points(T_table_alignment, deproject(view, rows, columns))
+    table_z_m = aligned.scene.table_z_m
+    rows, columns = _pixels_beyond(image, aligned.T_base_camera, table_z_m + side * distance_m, side)
+    points = transform_points(aligned.T_table_alignment, deproject(image, rows, columns))
     mirrored = points
     if side < 0:
-        mirrored = points * (1.0, 1.0, -1.0) + (0.0, 0.0, 2 * scene.table_z_m)
-    kept = _is_in_workspace(mirrored, scene)
-    kept[kept] = is_on_surface(view, rows[kept], columns[kept], parameters)
+        mirrored = points * (1.0, 1.0, -1.0) + (0.0, 0.0, 2 * table_z_m)
+    kept = is_in_workspace(mirrored, aligned.scene)
+    kept[kept] = is_on_surface(image, rows[kept], columns[kept], aligned.parameters)
     return points[kept]
 
 
@@ -256,7 +312,7 @@ def _pixels_beyond(
     return v, u
 
 
-def _is_in_workspace(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
+def is_in_workspace(points: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
     """Return the mask (N,) of the points (N, 3) in the workspace, with a margin of `FLOOR_MARGIN_M` below the floor."""
     low, high = workspace_box(scene).T
     low[2] -= FLOOR_MARGIN_M

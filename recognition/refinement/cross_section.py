@@ -16,6 +16,8 @@ MAX_PROFILE_SINE = 0.85
 """Maximum sine of the angle from the top in a profile. At larger angles, errors at the rims disturb the profile."""
 N_SECTORS = 9
 """Number of sectors of a profile."""
+SECTOR_SINES = MAX_PROFILE_SINE * (2 * np.arange(N_SECTORS) + 1 - N_SECTORS) / N_SECTORS
+"""(N_SECTORS,) sines of the angles from the top in the middle of the sectors."""
 MIN_SECTOR_POINTS = 10
 """Minimum number of surface points in a filled sector. The other sectors are not used."""
 SECTION_LINKS = 6
@@ -51,12 +53,14 @@ class _ProfilePoints:
     """(P,) signed distance of each point from the tube, metres; positive outside the tube."""
 
 
-def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
+def measure_cross_sections(fit: TubeFit, assigned: Assignment, of_any_circle: bool = False) -> CrossSections:
     """Measure how round the surface about each line is, from the upper part of the mean profile of the line.
 
     Args:
         fit: Tube fit with K lines.
         assigned: Assignment of the surface points to the lines.
+        of_any_circle: Whether the roundness error is that from the best circle of any radius and position. Matching
+            windows change the radius of a profile, so that a stereo camera does not show that of the tube.
 
     Returns:
         The measures of each line.
@@ -66,29 +70,80 @@ def measure_cross_sections(fit: TubeFit, assigned: Assignment) -> CrossSections:
     sine = (assigned.outward[:, :2] * left).sum(axis=1)
     is_inner = np.abs(sine) < MAX_PROFILE_SINE
     points = _ProfilePoints(sine[is_inner], assigned.link[is_inner], assigned.residual[is_inner])
-    out_of_round = _measure_out_of_round(fit, points, assigned.sigma)
+    out_of_round = _measure_out_of_round(fit, points, assigned.sigma, of_any_circle)
     squareness, squareness_sigma = _measure_squareness(fit, points)
     return CrossSections(out_of_round, squareness, squareness_sigma)
 
 
-def _measure_out_of_round(fit: TubeFit, profile: _ProfilePoints, sigma: float) -> NDArray[np.float64]:
+def _measure_out_of_round(
+    fit: TubeFit, profile: _ProfilePoints, sigma: float, of_any_circle: bool
+) -> NDArray[np.float64]:
     """Return the standard deviations (K,) of the mean profiles from a circle, metres, corrected for noise.
 
     If fewer than half of the sectors are filled, as for a wall, the result is the radius of the line. `sigma` is the
     standard deviation of the residuals, metres.
+
+    The noise of a sector is that of independent points or, if it is larger, that of the means of the sections, because
+    neighbouring pixels share their errors.
     """
     sector = ((profile.sine / MAX_PROFILE_SINE + 1) / 2 * N_SECTORS).astype(np.int64)
-    shape = (len(fit.radii), N_SECTORS)
-    n_cells = len(fit.radii) * N_SECTORS
-    cell = fit.line_of_point[profile.link] * N_SECTORS + sector
-    points = np.bincount(cell, minlength=n_cells).reshape(shape)
-    means = group_sums(cell, profile.residual, n_cells).reshape(shape) / np.maximum(points, 1)
-    is_filled = points >= MIN_SECTOR_POINTS
-    share = is_filled / np.maximum(is_filled.sum(axis=1, keepdims=True), 1)
-    variance = (share * means**2).sum(axis=1) - (share * means).sum(axis=1) ** 2
-    noise = (share * sigma**2 / np.maximum(points, 1)).sum(axis=1)
-    is_seen = 2 * is_filled.sum(axis=1) > N_SECTORS
-    return np.where(is_seen, np.sqrt(np.maximum(variance - noise, 0.0)), fit.radii)
+    first = _first_sections(fit)
+    section = _sections(fit, first, profile.link)
+    n_sections = int(first[-1])
+    cell = section * N_SECTORS + sector
+    shape = (n_sections, N_SECTORS)
+    counts = np.bincount(cell, minlength=n_sections * N_SECTORS).reshape(shape)
+    sums = group_sums(cell, profile.residual, n_sections * N_SECTORS).reshape(shape)
+    out_of_round = np.empty(len(fit.radii))
+    for k, radius in enumerate(fit.radii):
+        rows = slice(int(first[k]), int(first[k + 1]))
+        points = counts[rows].sum(axis=0)
+        is_filled = points >= MIN_SECTOR_POINTS
+        if 2 * is_filled.sum() <= N_SECTORS:
+            out_of_round[k] = radius
+            continue
+        means = sums[rows].sum(axis=0)[is_filled] / points[is_filled]
+        independent = sigma**2 / points[is_filled]
+        shared = _squared_errors(sums[rows][:, is_filled], counts[rows][:, is_filled], means)
+        noise = float(np.maximum(independent, shared).mean())
+        if of_any_circle:
+            means = _without_circle(SECTOR_SINES[is_filled], means)
+        out_of_round[k] = np.sqrt(max(float(means.var()) - noise, 0.0))
+    return out_of_round
+
+
+def _without_circle(sine: NDArray[np.float64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a profile (S,) without what another radius and another position explain."""
+    circle = np.column_stack([np.ones_like(sine), sine, np.sqrt(1 - sine**2)])
+    return means - circle @ np.linalg.lstsq(circle, means, rcond=None)[0]
+
+
+def _squared_errors(
+    sums: NDArray[np.float64], counts: NDArray[np.int64], means: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the squared standard errors (S,) of the means of S sectors, from the scatter between the sections.
+
+    Args:
+        sums: (N, S) sums of the residuals of each section and sector, metres.
+        counts: (N, S) numbers of points.
+        means: (S,) means of the sectors, metres.
+    """
+    n_sections = len(sums)
+    if n_sections < MIN_SECTIONS:
+        return np.zeros(len(means))
+    remainder = (sums - counts * means) / counts.sum(axis=0)
+    return np.asarray((remainder**2).sum(axis=0) * n_sections / (n_sections - 1), dtype=np.float64)
+
+
+def _first_sections(fit: TubeFit) -> NDArray[np.int64]:
+    """Return the numbers (K + 1,) of the first section of each line. The last section of a line may be shorter."""
+    return np.concatenate([[0], np.cumsum(-(-np.diff(fit.starts) // SECTION_LINKS))])
+
+
+def _sections(fit: TubeFit, first: NDArray[np.int64], link: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number (P,) of the section of each link (P,)."""
+    line = fit.line_of_point[link]
+    return np.asarray(first[line] + (link - fit.starts[line]) // SECTION_LINKS, dtype=np.int64)
 
 
 def _measure_squareness(fit: TubeFit, profile: _ProfilePoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -103,10 +158,9 @@ def _measure_squareness(fit: TubeFit, profile: _ProfilePoints) -> tuple[NDArray[
     sine = profile.sine
     cosine = np.sqrt(np.maximum(1 - sine**2, 0.0))
     terms = np.column_stack([np.ones_like(sine), cosine, sine, 1 / np.maximum(cosine, np.abs(sine))])
-    # The sections of line k are numbered from first[k] to first[k + 1] - 1. The last one of a line may be shorter.
-    first = np.concatenate([[0], np.cumsum(-(-np.diff(fit.starts) // SECTION_LINKS))])
+    first = _first_sections(fit)
     line = fit.line_of_point[profile.link]
-    section = first[line] + (profile.link - fit.starts[line]) // SECTION_LINKS
+    section = _sections(fit, first, profile.link)
     products = np.column_stack([terms * term[:, None] for term in terms.T])
     A = group_sums(section, products, first[-1]).reshape(-1, 4, 4)
     b = group_sums(section, terms * (profile.residual / fit.radii[line])[:, None], first[-1])

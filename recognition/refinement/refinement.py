@@ -1,12 +1,12 @@
 """Refinement: fit each centre line so that the measured surface is one radius away from the line."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.geometry.polyline import arc_length, close_polyline, points_at
+from recognition.geometry.polyline import arc_length, close_polyline, points_at, unit_vectors
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
@@ -19,6 +19,7 @@ from recognition.refinement.end_in_images import (
 )
 from recognition.refinement.end_localisation import MAX_EXTENSION_RADII, extend_below_strand, localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
+from recognition.refinement.resting_height import add_lost_height, find_resting_heights
 from recognition.refinement.tube_fit import Assignment, TubeFit
 from recognition.refinement.visible_gaps import split_at_visible_gaps
 from recognition.strand import Strand
@@ -33,6 +34,10 @@ FIRST_FIT_STEPS = (2, 1)
 """Number of Gauss-Newton steps in each group of the first fit. Each group begins with a new assignment."""
 LAST_FIT_STEPS = (2,)
 """Number of Gauss-Newton steps in each group of the last fit. The last step moves a line by micrometres only."""
+MIN_LOST_RADII = 0.03
+"""Minimum height that resting strings lost by which windows have visibly changed their profiles, in radii r."""
+REST_STEPS = 2
+"""Number of Gauss-Newton steps with the heights of resting strings."""
 RADIUS_SIGMA_SHARE = 0.3
 """Standard deviation of the prior on the radius of a string, as a share of r. The prior has the mean r."""
 MAX_DEVIATION_SHARE = 0.12
@@ -84,6 +89,8 @@ class FittedStrand:
     """Share of a square bar's profile in the strand's profile: 0 for a tube, 1 for a bar with sharp edges."""
     squareness_sigma: float
     """Standard error of the squareness; infinite if the squareness cannot be measured."""
+    height_ripple_m: float = 0.0
+    """Standard deviation of the measured heights where strings of the scene rest, metres; 0 if too few of them rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +164,13 @@ def refine(
         radii = measured_radii
         if radius_is_given:
             radii = _select_radii(measured_radii, scatter_m, r)
-        lines = _localise_ends(strands, first_fit.lines, radii, measured, r)
+        lines = _lines_of_radii(first_fit, radii)
+        lost_m = find_resting_heights(lines, radii, _floors(lines, radii, support), r).lost_m
+        raised = _raise(measured, support.table_z_m, 2 * r, lost_m)
+        lines = [
+            _raise_line(line, radius, support.table_z_m, lost_m) for line, radius in zip(lines, radii, strict=True)
+        ]
+        lines = _localise_ends(strands, lines, radii, raised, r)
         if n_merges >= MAX_MERGES:
             break
         # Joined and split strands are fitted again from the start.
@@ -171,10 +184,14 @@ def refine(
         n_merges += 1
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
-    last_fit = TubeFit(lines, r, surface, normals, radii, bends)
+    is_compressed = support.compression < 1 or lost_m > MIN_LOST_RADII * r
+    last_fit = TubeFit(lines, r, raised.points, raised.normals, radii, bends)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
-    cross_sections = measure_cross_sections(last_fit, assigned)
+    cross_sections = measure_cross_sections(last_fit, assigned, of_any_circle=is_compressed)
+    # support and residuals stay those of the surface alone
+    ripple_m = _pull_to_rest(last_fit, assigned, support)
     fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
+    fitted = [replace(strand, height_ripple_m=ripple_m) for strand in fitted]
     return Refinement(fitted, last_fit.lines_of_points(assigned), assigned.sigma)
 
 
@@ -186,6 +203,49 @@ def _fit_to_sample(
     fit = TubeFit(lines, r, surface.points[::SAMPLE_STRIDE], surface.normals[::SAMPLE_STRIDE], bends=bends)
     assigned = _iterate(fit, FIRST_FIT_STEPS, RADIUS_SIGMA_SHARE * r)
     return fit, assigned.sigma
+
+
+def _lines_of_radii(fit: TubeFit, radii: NDArray[np.float64]) -> list[Points]:
+    """Return the fitted lines, moved vertically so that the tops of their tubes stay with the given radii (K,)."""
+    moved = []
+    for line, fitted, radius in zip(fit.lines, fit.radii, radii, strict=True):
+        moved.append(line + (0.0, 0.0, float(fitted - radius)))
+    return moved
+
+
+def _floors(lines: Sequence[Points], radii: NDArray[np.float64], support: SupportSurface) -> NDArray[np.float64]:
+    """Return the height (K,) of what each line rests on, metres."""
+    return np.array([support.height_under(line, float(radius)) for line, radius in zip(lines, radii, strict=True)])
+
+
+def _raise(surface: _Surface, table_z_m: float, top_m: float, lost_m: float) -> _Surface:
+    """Return the surface with the height that resting strings lost (see `add_lost_height`), and its normals."""
+    points = surface.points.copy()
+    points[:, 2] = add_lost_height(points[:, 2], table_z_m, top_m, lost_m)
+    # heights below the top are stretched, which turns normals to the sides
+    is_stretched = surface.points[:, 2] - table_z_m < top_m - lost_m
+    normals = surface.normals.copy()
+    normals[is_stretched, 2] *= (top_m - lost_m) / top_m
+    return _Surface(points, unit_vectors(normals))
+
+
+def _raise_line(line: Points, radius_m: float, table_z_m: float, lost_m: float) -> Points:
+    """Return a centre line, with the top of its tube raised by the height that resting strings lost."""
+    raised = line.copy()
+    raised[:, 2] = add_lost_height(line[:, 2] + radius_m, table_z_m, 2 * radius_m, lost_m) - radius_m
+    return raised
+
+
+def _pull_to_rest(fit: TubeFit, assigned: Assignment, support: SupportSurface) -> float:
+    """Pull the lines to one radius above what they rest on, where they rest.
+
+    Return the standard deviation of their heights there before, metres.
+    """
+    resting = find_resting_heights(fit.lines, fit.radii, _floors(fit.lines, fit.radii, support), fit.r)
+    for _ in range(REST_STEPS):
+        fit.step(assigned, None, resting)
+        assigned = fit.update_assignment(assigned)
+    return resting.ripple_m
 
 
 def _measure_radii(fit: TubeFit, support: SupportSurface) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ A link is the straight part of a centre line between two neighbouring points.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,20 @@ class Assignment:
     """(K,) Tukey weight, 0 to 1."""
     sigma: float
     """Robust standard deviation of the residuals, metres."""
+
+
+class HeightPull(Protocol):
+    """Heights to which the points of the lines are pulled. `RestingHeights` is one."""
+
+    @property
+    def height_m(self) -> NDArray[np.float64]:
+        """(N,) height of each point, metres, base frame."""
+        ...
+
+    @property
+    def stiffness(self) -> NDArray[np.float64]:
+        """(N,) weight of the height, relative to the weight of the surface beside the point."""
+        ...
 
 
 class TubeFit:
@@ -161,7 +176,7 @@ class TubeFit:
         is_same_line = self._is_link[link] & (self.line_of_point[link] == self.line_of_point[assigned.link])
         return self._project(assigned.point, np.where(is_same_line, link, assigned.link))
 
-    def step(self, assigned: Assignment, radius_sigma: float | None) -> None:
+    def step(self, assigned: Assignment, radius_sigma: float | None, pull: HeightPull | None = None) -> None:
         """Update the points of all lines, and the radii, by one Gauss-Newton step.
 
         The normal matrix of the points is banded. Each radius adds one border column, with entries only in the rows of
@@ -170,9 +185,16 @@ class TubeFit:
         Args:
             assigned: Current assignment of the surface points.
             radius_sigma: Standard deviation of the prior on the radii, with mean r, metres. None keeps the radii fixed.
+            pull: Heights to which points are pulled, or None.
         """
         weight = assigned.weight / assigned.sigma**2
         bands, gradient, border = self._normal_equations(assigned, weight)
+        if pull is not None:
+            information = self.support(assigned) / assigned.sigma**2
+            # Normals point in all directions across the string, so the vertical one has half of the information.
+            stiffness = pull.stiffness * np.minimum(information, np.median(information)) / 2
+            bands[N_BANDS, 2::3] += stiffness
+            gradient[2::3] += stiffness * (self.points[:, 2] - pull.height_m)
         # The surface constrains neither motion along a line nor points without surface. Damp these motions.
         hold = ALONG_DAMPING * float(bands[N_BANDS].mean())
         bands[N_BANDS] += DAMPING_SHARE * hold
@@ -189,10 +211,11 @@ class TubeFit:
         if radius_sigma is not None:
             # Eliminate the points (Schur complement) and solve for the radii first.
             line = self.line_of_point[assigned.link]
-            pull = group_sums(line, -weight * assigned.residual, n_lines) + (self.radii - self.r) / radius_sigma**2
+            radius_gradient = group_sums(line, -weight * assigned.residual, n_lines)
+            radius_gradient += (self.radii - self.r) / radius_sigma**2
             own_stiffness = group_sums(line, weight, n_lines) + radius_sigma**-2
             stiffness = own_stiffness - group_sums(line_of_row, border * move_per_radius, n_lines)
-            change = (group_sums(line_of_row, border * move, n_lines) - pull) / stiffness
+            change = (group_sums(line_of_row, border * move, n_lines) - radius_gradient) / stiffness
             smallest, largest = (share * self.r for share in RADIUS_LIMITS)
             change = np.clip(self.radii + change, smallest, largest) - self.radii
         self.radii = self.radii + change

@@ -32,6 +32,10 @@ RING_DIRECTIONS = tuple((np.cos(k * np.pi / 4), np.sin(k * np.pi / 4)) for k in 
 behind all measured samples. A pose error of a millimetre therefore causes no violation."""
 MIN_RING_PIXELS = 2.0
 """Minimum radius of the ring, pixels. The radius of the ring is r if r is larger than this in the image."""
+NOISE_SIGMAS = 2.5
+"""Minimum difference of two depths that shows free space, in sigmas of their difference, if that is more than r."""
+MAX_BEHIND_RADII = 2.0
+"""Maximum of this difference, in radii r. With more noise, a view does not show whether a string is there."""
 MIN_MEASURED = 5
 """Minimum number of samples with a depth, among the nine samples: the point and its ring."""
 MAX_ROBOT_SIGMA = 10.0
@@ -151,8 +155,8 @@ def free_space_violations(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the share of the surface of each view that lies in the free space of each other view.
 
-    A point lies in the free space of a view if the view measured surface more than r behind the point. The same
-    must hold for all measured samples on the ring around the point.
+    A point lies in the free space of a view if the view measured surface more than r behind the point, or more than
+    `NOISE_SIGMAS` of its noise. The same must hold for all measured samples on the ring around the point.
 
     Args:
         clouds: The V registered views, base frame.
@@ -244,6 +248,8 @@ def _check_points(
     in_camera = rays @ T[:3, :3]
     visible = np.flatnonzero(is_facing & (in_camera[:, 2] > MIN_DEPTH_M))
     x, y, z = in_camera[visible].T
+    noise_m = NOISE_SIGMAS * float(np.sqrt(2)) * cloud.scatter.pixel_m
+    behind_m = float(np.clip(noise_m, radius, MAX_BEHIND_RADII * radius))
     # If r spans few pixels, flying pixels narrow the string in the depth image. The ring is then larger.
     ring_radius = np.maximum(radius, MIN_RING_PIXELS * z / K[0, 0])
     dx, dy = np.array([(0.0, 0.0), *RING_DIRECTIONS]).T[:, :, None] * ring_radius
@@ -262,7 +268,7 @@ def _check_points(
         a, b, c = T[2, :3]
         is_measured &= T[2, 3] + measured_z * (a * sample_x / z + b * sample_y / z + c) > min_z_m
     is_checked = is_measured[0] & (is_measured.sum(axis=0) >= MIN_MEASURED)
-    is_free = is_checked & (~is_measured | (measured_z > z + radius)).all(axis=0)
+    is_free = is_checked & (~is_measured | (measured_z > z + behind_m)).all(axis=0)
     return visible[is_checked], visible[is_free]
 
 

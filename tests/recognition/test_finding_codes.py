@@ -240,6 +240,23 @@ def sunk(length_m: float, height_radii: float) -> Sequence[Finding]:
     return findings_of(scanned(line(*ALONG_X), line((-half, 0.05), (half, 0.05), height_radii * R)))
 
 
+def seen_by_one_view() -> Sequence[Finding]:
+    """A string, and a piece of 120 mm of which only the first view measured one side."""
+    scan = scanned(line(*ALONG_X), line((-0.06, 0.05), (0.06, 0.05)))
+    first, *others = scan.views
+    return findings_of(scan, views=[without_piece(first, 0.049), *(without_piece(view, 0.07) for view in others)])
+
+
+def without_piece(view: View, to_y_m: float) -> View:
+    """Return a view without depth from y = 0.03 m to a line beside or on the piece along y = 0.05 m."""
+    rows, columns = np.nonzero(view.depth)
+    x, y, _ = deproject(view, rows, columns).T
+    is_lost = (np.abs(x) < 0.08) & (y > 0.03) & (y < to_y_m)
+    depth = view.depth.copy()
+    depth[rows[is_lost], columns[is_lost]] = 0
+    return replace(view, depth=depth)
+
+
 @cache
 def many_short_pieces() -> Sequence[Finding]:
     """A string, and 13 pieces of 30 mm."""
@@ -325,7 +342,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "no-string-in-view": lambda: findings_of(one_string(), views=[of_plane(view, 0.0) for view in one_string().views]),
     "no-string-found": lambda: findings_of(scanned(boxes=[Box((0, 0), (0.08, 0.05, 0.02), 0.2)])),
     "piece-too-short": many_short_pieces,
-    "piece-hardly-seen": lambda: sunk(0.12, 0.5),
+    "piece-hardly-seen": seen_by_one_view,
     "piece-not-round": string_into_box,
     "piece-in-table": in_the_table,
     "piece-upright": post_beside_string,
@@ -484,11 +501,11 @@ def test_positions_are_those_of_the_scene() -> None:
     assert (end.chains, end.end) == ((0,), "last")
     assert end.point_m == pytest.approx((0.0, 0.0, R), abs=R)
     assert only(raised(), "above-table").value == pytest.approx(R, abs=0.001)
-    piece = only(sunk(0.12, 0.5), "piece-hardly-seen")
+    piece = only(seen_by_one_view(), "piece-hardly-seen")
     assert piece.point_m is not None
-    # Up to 10 mm of it are missed at one end.
-    assert piece.value == pytest.approx(0.12, abs=0.01)
-    assert piece.point_m[:2] == pytest.approx((0.0, 0.05), abs=0.005)
+    # A third of it is missed, because a single view of one side is only just enough for a fragment.
+    assert piece.value == pytest.approx(0.1, abs=0.03)
+    assert piece.point_m[:2] == pytest.approx((0.0, 0.05), abs=0.03)
 
 
 def test_more_pieces_are_counted_and_not_lost() -> None:

@@ -1,0 +1,250 @@
+"""Compression of heights by the matching windows of a stereo camera: measure it on strings, and restore heights.
+
+A stereo camera compares windows of several pixels. A window on a string that is not much wider also contains table, so
+the string is measured too low and its sides too flat. The width at half its height hardly changes. The compression is
+the measured height of the ridge of a resting string, as a share of 2 r. A window loses the same height on a string that
+lies on another string, because it then contains the lower string instead of the table.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from calibration.geometry.transforms import transform_points
+from recognition.preprocessing.depth_warp import CorrectedView
+from recognition.preprocessing.target_cloud import AlignedView, deproject, is_in_workspace
+
+MIN_HEIGHT_RADII = 0.5
+"""Minimum height of a ridge above the table, in radii r."""
+MIN_HEIGHT_SCATTERS = 3.0
+"""Minimum height of a ridge above the table, in standard deviations of patches of the table."""
+PIXELS_PER_RADIUS = 2.5
+"""Minimum number of pixels per radius r after even subsampling of an image."""
+BLUR_RADII = 0.2
+"""Standard deviation of the blur of the heights before ridges are searched, in radii r."""
+MIN_BLUR_PX = 0.4
+"""Minimum standard deviation of this blur, pixels."""
+HALF_HEIGHT = 0.5
+"""Height at which the width of a string is measured, as a share of its height."""
+APEX_RADII = 0.5
+"""Maximum distance of the highest pixel from the middle of the string, in radii r. In an oblique view, the highest line
+of a string is not in the middle of its band."""
+PIXEL_EDGE_PX = 0.25
+"""Mean excess of the distance to the nearest pixel beside a band over half its width, pixels. It is 0 for an even width
+and 0.5 for an odd one."""
+WIDTH_RADII = (0.6, 1.5)
+"""Smallest and largest half width of a string of radius r at half its height, in radii r."""
+SEEN_HALF_WIDTH = 1.0
+"""Half width at which a string of radius r is measured at most, in r. Pixels at its rims are lost or fly."""
+MIN_OTHER_VIEWS_SHARE = 0.6
+"""Minimum share of the other views that show a ridge at the same place. Ripples of the table are elsewhere in each."""
+MAX_CONFIRMED = 100
+"""Maximum number of ridge pixels of a view that are searched in the others, evenly spread."""
+MIN_RIDGES = 40
+"""Minimum number of ridge pixels, over all views, from which the compression is measured."""
+HEIGHT_BIN = 0.01
+"""Width of the bins of the density of ridge heights, in 2 r."""
+MAX_HEIGHT = 2.6
+"""Maximum ridge height, in 2 r: more than that of a string on another string."""
+BANDWIDTH = 0.05
+"""Standard deviation of the kernel of the density of ridge heights, in 2 r."""
+MAX_RESTING = 1.05
+"""Maximum height of the peak of resting strings in the density, in 2 r. Higher peaks are those of strings that lie on
+others, which can be most of a knot."""
+PEAK_SHARE = 0.25
+"""Minimum density of this peak, as a share of the densest one up to `MAX_RESTING`.
+
+The highest such peak counts. Windows compress all resting strings alike, so lower peaks are those of other objects.
+"""
+MIN_LOSS = 0.08
+"""Minimum loss of height, as a share. Less is not worth the time, and the fit of the tube adds it."""
+MIN_COMPRESSION = 0.4
+"""Minimum compression. A lower string is that of another radius."""
+MAX_CHANGE = 0.03
+"""Maximum change of the compression for which views are not preprocessed again."""
+WIDE_RADII = 4.0
+"""Half width beyond which windows do not compress an object, in radii r."""
+WIDE_MARGIN = 2.0
+"""Distance from the core of a wide object within which it is not compressed, in its minimum half width."""
+MIN_SLOPE = 0.1
+"""Minimum descent of a line of sight per metre of depth, for which heights are restored."""
+FINEST_UNIT_M = 2e-5
+"""Smallest depth unit of a restored image, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ridges:
+    """Middle pixels of the bands in one view that are as wide as a string."""
+
+    xy: NDArray[np.float64]
+    """(N, 2) positions on the table, metres, base frame."""
+    height: NDArray[np.float64]
+    """(N,) heights of the highest pixels beside them above the table, in 2 r."""
+    half_width: NDArray[np.float64]
+    """(N,) half widths of the bands at half their height, in r."""
+
+    @cached_property
+    def tree(self) -> KDTree:
+        """k-d tree of the positions, built at the first access."""
+        return KDTree(self.xy)
+
+
+def find_ridges(aligned: AlignedView) -> Ridges:
+    """Return the ridges of a view.
+
+    Args:
+        aligned: View aligned to the table plane.
+    """
+    parameters = aligned.parameters
+    stride = max(int(parameters.r * aligned.pixels_per_m / PIXELS_PER_RADIUS), 1)
+    r_px = parameters.r * aligned.pixels_per_m / stride
+    heights = _heights_above_table(aligned, stride)
+    lowest_m = _lowest_height(aligned)
+    area = _bounding_box(heights > lowest_m, 2 * r_px)
+    if area is None:
+        return Ridges(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    heights = heights[area]
+    smooth = ndimage.gaussian_filter(heights, max(BLUR_RADII * r_px, MIN_BLUR_PX), truncate=3.0)
+    top = ndimage.maximum_filter(smooth, 2 * round(r_px) + 1)
+    half_width = ndimage.distance_transform_edt(heights > np.maximum(HALF_HEIGHT * top, lowest_m))
+    half_width = np.asarray(half_width, dtype=np.float32)
+    is_middle = (half_width > 1) & (half_width >= ndimage.maximum_filter(half_width, 3))
+    width = (half_width[is_middle] - PIXEL_EDGE_PX) / r_px
+    apex = ndimage.maximum_filter(smooth, 2 * round(APEX_RADII * r_px) + 1)[is_middle]
+    narrowest, widest = WIDTH_RADII
+    is_string = (width > narrowest) & (width < widest)
+    v, u = (index[is_string] for index in np.nonzero(is_middle))
+    rows = (v + area[0].start) * stride
+    columns = (u + area[1].start) * stride
+    points = transform_points(aligned.T_table_alignment, deproject(aligned.view, rows, columns))
+    kept = is_in_workspace(points, aligned.scene)
+    return Ridges(
+        xy=points[kept, :2],
+        height=apex[is_string][kept].astype(np.float64) / (2 * parameters.r),
+        half_width=width[is_string][kept].astype(np.float64),
+    )
+
+
+def estimate_compression(views: Sequence[Ridges], r: float) -> float:
+    """Return the compression of heights, 1 if there is none or if too little shows it.
+
+    Args:
+        views: Ridges of each view.
+        r: Radius of the strings, metres.
+    """
+    heights = _confirmed_heights(views, r)
+    if len(heights) < MIN_RIDGES:
+        return 1.0
+    counts, edges = np.histogram(heights, np.arange(0.0, MAX_HEIGHT, HEIGHT_BIN))
+    density = ndimage.gaussian_filter1d(counts.astype(np.float64), BANDWIDTH / HEIGHT_BIN)
+    is_peak = (density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])
+    peaks = np.flatnonzero(is_peak) + 1
+    peaks = peaks[edges[peaks] < MAX_RESTING]
+    if len(peaks) == 0:
+        return 1.0
+    resting = peaks[density[peaks] > PEAK_SHARE * density[peaks].max()][-1]
+    compression = float(edges[resting]) + HEIGHT_BIN / 2
+    if compression > 1 - MIN_LOSS:
+        return 1.0
+    return max(compression, MIN_COMPRESSION)
+
+
+def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
+    """Return the view with restored heights. Each point moves along its line of sight.
+
+    Heights up to that of a resting string are divided by the compression. Higher ones gain as much as a resting string.
+    Objects that are much wider than a string keep their heights.
+
+    Args:
+        aligned: View aligned to the table plane.
+        compression: Compression of heights.
+    """
+    view = aligned.view
+    heights = _heights_above_table(aligned, 1)
+    lost = np.minimum(heights, np.float32(2 * aligned.parameters.r * compression)) * np.float32(1 / compression - 1)
+    descent = -_slopes(aligned, 1)
+    is_restored = (heights > 0) & (descent > MIN_SLOPE) & ~_is_wide(aligned, heights)
+    nearer_m = np.where(is_restored, lost / np.maximum(descent, MIN_SLOPE), np.float32(0))
+    depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
+    max_count = np.iinfo(np.uint16).max
+    unit_m = min(view.depth_unit_m, max(float(depth_m.max()) / max_count, FINEST_UNIT_M))
+    counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, max_count)
+    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
+
+
+def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]:
+    """Return the ridge heights (N,) that enough views show at the same place, each as the mean of these views.
+
+    A height is relative to that of a string of radius r, or of a thinner one if the band is narrower.
+    """
+    min_others = MIN_OTHER_VIEWS_SHARE * (len(views) - 1)
+    shown = [ridges for ridges in views if len(ridges.xy)]
+    confirmed = [np.zeros(0)]
+    for ridges in shown:
+        step = -(-len(ridges.xy) // MAX_CONFIRMED)
+        xy = ridges.xy[::step]
+        n_views = np.zeros(len(xy))
+        height = np.zeros(len(xy))
+        half_width = np.zeros(len(xy))
+        for other in shown:
+            distance, nearest = other.tree.query(xy, distance_upper_bound=r)
+            is_seen = np.isfinite(distance)
+            n_views += is_seen
+            height[is_seen] += other.height[np.asarray(nearest)[is_seen]]
+            half_width[is_seen] += other.half_width[np.asarray(nearest)[is_seen]]
+        radius = np.minimum(half_width / (n_views * SEEN_HALF_WIDTH), 1.0)
+        confirmed.append((height / (n_views * radius))[n_views > min_others])
+    return np.concatenate(confirmed)
+
+
+def _lowest_height(aligned: AlignedView) -> float:
+    """Return the height above the table from which something is an object, metres."""
+    return max(MIN_HEIGHT_RADII * aligned.parameters.r, MIN_HEIGHT_SCATTERS * (aligned.scatter.patch_m or 0.0))
+
+
+def _slopes(aligned: AlignedView, stride: int) -> NDArray[np.float32]:
+    """Return the rise (H, W) of the line of sight of every `stride`-th pixel per metre of depth."""
+    view = aligned.view
+    rows, columns = (np.arange(0, n, stride) for n in view.depth.shape)
+    a, b, c = aligned.T_base_camera[2, :3] @ np.linalg.inv(view.K)
+    return np.add.outer((b * rows + c).astype(np.float32), (a * columns).astype(np.float32))
+
+
+def _heights_above_table(aligned: AlignedView, stride: int) -> NDArray[np.float32]:
+    """Return the height (H, W) of every `stride`-th pixel above the table, metres; 0 where nothing is measured."""
+    view = aligned.view
+    depth = view.depth[::stride, ::stride]
+    heights = _slopes(aligned, stride) * np.float32(view.depth_unit_m) * depth
+    heights += np.float32(aligned.T_base_camera[2, 3] - aligned.scene.table_z_m)
+    return np.where(depth > 0, heights, np.float32(0))
+
+
+def _is_wide(aligned: AlignedView, heights: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which pixels (H, W) belong to objects that are much wider than a string."""
+    wide_px = WIDE_RADII * aligned.parameters.r * aligned.pixels_per_m
+    stride = max(int(wide_px / PIXELS_PER_RADIUS), 1)
+    is_high = heights[::stride, ::stride] > _lowest_height(aligned)
+    core = np.asarray(ndimage.distance_transform_edt(is_high)) > wide_px / stride
+    if not core.any():
+        return np.zeros(heights.shape, dtype=np.bool_)
+    near = np.asarray(ndimage.distance_transform_edt(~core)) < WIDE_MARGIN * wide_px / stride
+    height, width = heights.shape
+    return np.repeat(np.repeat(near, stride, axis=0), stride, axis=1)[:height, :width]
+
+
+def _bounding_box(mask: NDArray[np.bool_], margin_px: float) -> tuple[slice, slice] | None:
+    """Return the rows and columns that contain a mask (H, W) with a margin, or None for an empty mask."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    if len(rows) == 0:
+        return None
+    margin = int(np.ceil(margin_px))
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
+    )
