@@ -182,7 +182,7 @@ def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]
 
     A height is relative to that of a string of radius r, or of a thinner one if the band is narrower.
     """
-    min_others = MIN_OTHER_VIEWS_SHARE * (len(views) - 1)
+    min_views = 1 + MIN_OTHER_VIEWS_SHARE * (len(views) - 1)
     shown = [ridges for ridges in views if len(ridges.xy)]
     confirmed = [np.zeros(0)]
     for ridges in shown:
@@ -198,7 +198,7 @@ def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]
             height[is_seen] += other.height[np.asarray(nearest)[is_seen]]
             half_width[is_seen] += other.half_width[np.asarray(nearest)[is_seen]]
         radius = np.minimum(half_width / (n_views * SEEN_HALF_WIDTH), 1.0)
-        confirmed.append((height / (n_views * radius))[n_views > min_others])
+        confirmed.append((height / (n_views * radius))[n_views >= min_views])
     return np.concatenate(confirmed)
 
 

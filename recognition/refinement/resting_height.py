@@ -46,7 +46,7 @@ class RestingHeights:
     height_m: NDArray[np.float64]
     """(N,) height of each point if it rests, metres, base frame."""
     stiffness: NDArray[np.float64]
-    """(N,) weight of this height, relative to the weight of the surface beside the point; 0 where it does not rest."""
+    """(N,) weight of this height, relative to the weight of the surface beside the point; 0 far from this height."""
     lost_m: float = 0.0
     """Distance by which resting strings are measured too low, metres; 0 if they are not."""
     ripple_m: float = 0.0
