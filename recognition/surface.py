@@ -118,7 +118,12 @@ def observe(
         registration=registration,
         points=registration.points,
         normals=registration.normals,
-        support=SupportSurface(scene.table_z_m, merge_heights(ingested, registration), ingested.compression),
+        support=SupportSurface(
+            scene.table_z_m,
+            merge_heights(ingested, registration),
+            ingested.compression,
+            is_matched=ingested.measured.locking is not None,
+        ),
         occlusion_map=OcclusionMap(registration.points, registration.clouds),
         clouds=registration.clouds,
     )

@@ -57,7 +57,7 @@ class IngestedViews:
     aligned: Sequence[AlignedView] = ()
     """All views aligned to the table plane, before heights were restored."""
     ridges: Sequence[Ridges] = ()
-    """Ridges in each of them."""
+    """Ridges in each of them; empty without pixel locking."""
     compression: float = 1.0
     """Compression of heights that was restored in all views."""
 
@@ -134,11 +134,13 @@ class _Ingestion:
         self._preprocess_all()
 
     def _align_new_views(self) -> None:
-        """Align the views that were added, and find their ridges."""
+        """Align the views that were added, and find their ridges if the depth was matched in windows."""
         for number in range(len(self.aligned), len(self.measured.views)):
             aligned = align_view(self.measured.corrected(number), self.parameters, self.measured.scene)
             self.aligned.append(aligned)
-            self.ridges.append(find_ridges(aligned))
+            # pixel locking shows that the depth was matched; other depth has no windows that lower strings
+            if self.measured.locking is not None:
+                self.ridges.append(find_ridges(aligned))
 
     def _has_new_compression(self) -> bool:
         """Measure the compression of heights in all views. Return whether it has changed."""

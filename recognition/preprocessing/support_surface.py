@@ -40,6 +40,8 @@ class SupportSurface:
     """Height map of the workspace; None if only the table plane is known."""
     compression: float = 1.0
     """Compression of heights by matching windows that was restored; 1 if there was none."""
+    is_matched: bool = False
+    """Whether the depth has pixel locking, which shows that it was matched in windows."""
 
     def height_under(self, line: NDArray[np.float64], radius_m: float) -> float:
         """Return the height of the surface that a string rests on.
