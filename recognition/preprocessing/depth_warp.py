@@ -65,6 +65,10 @@ MAX_CHANGE_M = 0.0001
 metres."""
 MAX_CHANGE_SHARE = 0.1
 """The same as a share of the warp. A larger warp is known less exactly."""
+MAX_COUNT = int(np.iinfo(np.uint16).max)
+"""Largest count of a depth image."""
+FINEST_UNIT_M = 2e-5
+"""Smallest depth unit of an image whose depths are corrected for stereo matching, metres."""
 MIN_DEPTH_FACTOR = 0.5
 """Minimum ratio of a corrected depth to a measured one, and of the reverse: the error far from the table is unknown."""
 
@@ -204,13 +208,22 @@ def correct(view: DepthView, warp: DepthWarp) -> CorrectedView:
     depth_m = view.depth * view.depth_unit_m
     error = depth_m * warp.inverse_depth_error((view.depth.shape[0], view.depth.shape[1]))
     depth_m /= np.clip(1 - error, MIN_DEPTH_FACTOR, 1 / MIN_DEPTH_FACTOR)
-    max_count = np.iinfo(np.uint16).max
     unit_m = view.depth_unit_m
     largest_m = float(depth_m.max(initial=0.0))
     if largest_m > 0:
-        unit_m = min(unit_m, largest_m / max_count)
-    counts = np.clip(np.rint(depth_m / unit_m), 0, max_count)
+        unit_m = min(unit_m, largest_m / MAX_COUNT)
+    counts = np.clip(np.rint(depth_m / unit_m), 0, MAX_COUNT)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
+
+
+def finer_unit_m(unit_m: float, largest_m: float) -> float:
+    """Return a depth unit for corrected depths, so fine that rounding adds no error, metres.
+
+    Args:
+        unit_m: Depth unit of the captured image, metres. The result is at most as large.
+        largest_m: Largest corrected depth, metres.
+    """
+    return min(unit_m, max(largest_m / MAX_COUNT, FINEST_UNIT_M))
 
 
 def _rms_on_table(coefficients: NDArray[np.float64], views: Sequence[TableSample]) -> float:

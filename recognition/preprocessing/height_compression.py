@@ -16,7 +16,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import transform_points
-from recognition.preprocessing.depth_warp import CorrectedView
+from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
 from recognition.preprocessing.target_cloud import AlignedView, deproject, is_in_workspace
 
 MIN_HEIGHT_RADII = 0.5
@@ -39,8 +39,6 @@ PIXEL_EDGE_PX = 0.25
 and 0.5 for an odd one."""
 WIDTH_RADII = (0.6, 1.5)
 """Smallest and largest half width of a string of radius r at half its height, in radii r."""
-SEEN_HALF_WIDTH = 1.0
-"""Half width at which a string of radius r is measured at most, in r. Pixels at its rims are lost or fly."""
 MIN_OTHER_VIEWS_SHARE = 0.6
 """Minimum share of the other views that show a ridge at the same place. Ripples of the table are elsewhere in each."""
 MAX_CONFIRMED = 100
@@ -73,8 +71,6 @@ WIDE_MARGIN = 2.0
 """Distance from the core of a wide object within which it is not compressed, in its minimum half width."""
 MIN_SLOPE = 0.1
 """Minimum descent of a line of sight per metre of depth, for which heights are restored."""
-FINEST_UNIT_M = 2e-5
-"""Smallest depth unit of a restored image, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +167,8 @@ def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
     is_restored = (heights > 0) & (descent > MIN_SLOPE) & ~_is_wide(aligned, heights)
     nearer_m = np.where(is_restored, lost / np.maximum(descent, MIN_SLOPE), np.float32(0))
     depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
-    max_count = np.iinfo(np.uint16).max
-    unit_m = min(view.depth_unit_m, max(float(depth_m.max()) / max_count, FINEST_UNIT_M))
-    counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, max_count)
+    unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
+    counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
 
 
@@ -197,7 +192,7 @@ def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]
             n_views += is_seen
             height[is_seen] += other.height[np.asarray(nearest)[is_seen]]
             half_width[is_seen] += other.half_width[np.asarray(nearest)[is_seen]]
-        radius = np.minimum(half_width / (n_views * SEEN_HALF_WIDTH), 1.0)
+        radius = np.minimum(half_width / n_views, 1.0)
         confirmed.append((height / (n_views * radius))[n_views >= min_views])
     return np.concatenate(confirmed)
 

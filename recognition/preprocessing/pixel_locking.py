@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.preprocessing.depth_warp import CorrectedView, sample_table
+from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m, sample_table
 from recognition.preprocessing.plane_fit import median_sigma
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.preprocessing.target_cloud import DepthView, Scene
@@ -44,8 +44,6 @@ MIN_ERROR = 0.03
 not worth the time of a correction."""
 MAX_COUNT_SHARE = 0.25
 """Maximum size of a depth count, in disparities. Where counts are coarser, the fraction of the disparity is unknown."""
-FINEST_UNIT_M = 2e-5
-"""Smallest depth unit of a corrected image, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,15 +122,13 @@ def correct_locking(view: DepthView, locking: PixelLocking) -> CorrectedView:
         view: Captured view.
         locking: Pixel locking of its camera.
     """
-    max_count = np.iinfo(np.uint16).max
     counts = np.arange(1, int(view.depth.max(initial=1)) + 1)
     inverse_depth = 1 / (counts * view.depth_unit_m)
     is_fine = inverse_depth**2 * view.depth_unit_m < MAX_COUNT_SHARE * locking.period_per_m
     depth_m = 1 / (inverse_depth - np.where(is_fine, locking.error(inverse_depth), 0.0))
-    # a finer unit, so that rounding adds no error
-    unit_m = min(view.depth_unit_m, max(float(depth_m.max()) / max_count, FINEST_UNIT_M))
+    unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     corrected = np.zeros(len(counts) + 1, dtype=np.uint16)
-    corrected[1:] = np.clip(np.rint(depth_m / unit_m), 1, max_count)
+    corrected[1:] = np.clip(np.rint(depth_m / unit_m), 1, MAX_COUNT)
     return CorrectedView(view.index, corrected[view.depth], unit_m, view.K, view.T_base_camera)
 
 

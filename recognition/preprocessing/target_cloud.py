@@ -131,8 +131,10 @@ class AlignedView:
     """Table height and workspace."""
     scatter: TableScatter
     """Scatter of the depth, measured on the table."""
+    n_measured: int
+    """Number of pixels with a depth."""
     n_in_workspace: int
-    """Number of measured pixels in the workspace, estimated from a sample in a large image."""
+    """Number of them in the workspace, estimated from a sample in a large image."""
     pixels_per_m: float
     """Resolution of the image at the usual depth, 0 without a depth."""
 
@@ -185,13 +187,15 @@ def align_view(view: DepthView, parameters: ChainParameters, scene: Scene) -> Al
         distance_m = float(np.median(depth[rows[measured], columns[measured]])) * view.depth_unit_m
     pixels_per_m = float(view.K[0, 0]) / distance_m
     patches = _patches(view, T_table_alignment, parameters, scene, pixels_per_m)
+    n_measured = int(np.count_nonzero(depth))
     return AlignedView(
         view=view,
         T_table_alignment=T_table_alignment,
         parameters=parameters,
         scene=scene,
         scatter=table_scatter(table_points, patches, scene.table_z_m, parameters, is_aligned),
-        n_in_workspace=min(len(sample) * step**2, int(np.count_nonzero(depth))),
+        n_measured=n_measured,
+        n_in_workspace=min(len(sample) * step**2, n_measured),
         pixels_per_m=pixels_per_m,
     )
 
@@ -213,15 +217,14 @@ def select_target(aligned: AlignedView, image: DepthView | None = None, compress
     if aligned.scatter.pixel_m > max_scatter_m(parameters):
         # noise above the table was enlarged with all heights, but not the noise below it
         n_below = len(_points_beyond(aligned, view, compression * parameters.z_t, -1))
-    n_measured = int(np.count_nonzero(depth))
     return TargetCloud(
         view=view.index,
         points=points,
         T_base_camera=aligned.T_base_camera,
         T_table_alignment=aligned.T_table_alignment,
-        n_measured=n_measured,
+        n_measured=aligned.n_measured,
         n_in_workspace=aligned.n_in_workspace,
-        constant_depth=n_measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
+        constant_depth=aligned.n_measured > 1 and int(depth.max()) == int(depth[depth > 0].min()),
         image=image,
         scatter=aligned.scatter,
         n_below=n_below,

@@ -184,7 +184,7 @@ def refine(
         n_merges += 1
     lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
 
-    is_compressed = support.compression < 1 or (support.is_matched and lost_m > MIN_LOST_RADII * r)
+    is_compressed = support.is_matched and (support.compression < 1 or lost_m > MIN_LOST_RADII * r)
     last_fit = TubeFit(lines, r, raised.points, raised.normals, radii, bends)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
     cross_sections = measure_cross_sections(last_fit, assigned, of_any_circle=is_compressed)

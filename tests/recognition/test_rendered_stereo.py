@@ -24,7 +24,7 @@ def test_a_string_is_recognised_in_matched_depth(name: str, seed: int) -> None:
     document = model.to_json()
     result = score(document, scan.truth)
     assert result.topology
-    # Six scenes had 0.26 to 0.55 mm. Without the restored heights, strings are 0.8 to 1.3 mm too low.
+    # Nine scenes had 0.26 to 0.55 mm. Without the restored heights, strings are 0.8 to 1.3 mm too low.
     assert result.mean_m is not None
     assert result.mean_m < 0.0008
     # Nine scenes had 85 to 100 %; the sigma of the table alone covers 75 %.
