@@ -103,7 +103,7 @@ class _Sightings:
 
 
 def localise_end_in_images(
-    line: Points, views: Sequence[NormalCloud], other_strands: KDTree | None, r: float
+    line: Points, views: Sequence[NormalCloud], other_strands: KDTree | None, r: float, border_offset_m: float = 0.0
 ) -> Points:
     """Extend or shorten a centre line at its first point, so that it begins where the images show the end.
 
@@ -117,6 +117,7 @@ def localise_end_in_images(
         other_strands: Centre points of the other strands, and of this strand away from the end. Pixels near them are
             ignored. None means that there are none.
         r: Radius of the string, metres.
+        border_offset_m: Distance by which the images show the string too long, metres (see `measure_border_offset`).
 
     Returns:
         (K, 3) centre line from the end of the string, metres, base frame. The line is unchanged if another strand is
@@ -143,7 +144,7 @@ def localise_end_in_images(
     end = _find_transition(s, is_hit, r)
     if end is None:
         return line
-    return move_end(line, curve, end)
+    return move_end(line, curve, end - border_offset_m)
 
 
 def other_strand_points(lines: Sequence[Points], number: int, r: float) -> Points:

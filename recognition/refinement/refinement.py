@@ -10,6 +10,7 @@ from recognition.geometry.polyline import arc_length, close_polyline, points_at,
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
+from recognition.refinement.border_offset import measure_border_offset
 from recognition.refinement.cross_section import CrossSections, measure_cross_sections
 from recognition.refinement.end_in_images import (
     OWN_END_RADII,
@@ -34,8 +35,6 @@ FIRST_FIT_STEPS = (2, 1)
 """Number of Gauss-Newton steps in each group of the first fit. Each group begins with a new assignment."""
 LAST_FIT_STEPS = (2,)
 """Number of Gauss-Newton steps in each group of the last fit. The last step moves a line by micrometres only."""
-MIN_LOST_RADII = 0.03
-"""Minimum height that resting strings lost by which windows have visibly changed their profiles, in radii r."""
 EXCESS_SIGMA_SHARE = 0.5
 """Standard deviation of the excess height of resting strings that was removed, as a share of it."""
 REST_STEPS = 2
@@ -185,12 +184,12 @@ def refine(
             break
         strands = changed
         n_merges += 1
-    lines = _localise_ends_in_images(strands, lines, radii, views, other_lines)
+    offset_m = measure_border_offset(lines, radii, views, support.table_z_m, r)
+    lines = _localise_ends_in_images(strands, lines, radii, views, other_lines, offset_m)
 
-    is_compressed = support.is_matched and (support.compression < 1 or lost_m > MIN_LOST_RADII * r)
     last_fit = TubeFit(lines, r, raised.points, raised.normals, radii, bends)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
-    cross_sections = measure_cross_sections(last_fit, assigned, of_any_circle=is_compressed)
+    cross_sections = measure_cross_sections(last_fit, assigned, of_any_circle=support.is_matched)
     # support and residuals stay those of the surface alone
     ripple_m = _pull_to_rest(last_fit, assigned, support)
     height_sigma_m = float(np.hypot(ripple_m, EXCESS_SIGMA_SHARE * min(lost_m, 0.0)))
@@ -328,6 +327,7 @@ def _localise_ends_in_images(
     radii: NDArray[np.float64],
     views: Sequence[NormalCloud],
     other_lines: Sequence[Points],
+    border_offset_m: float,
 ) -> list[Points]:
     """Move the two ends of each open line to where the depth images show them. Closed lines are unchanged."""
     localised = list(lines)
@@ -337,7 +337,7 @@ def _localise_ends_in_images(
         for _ in range(2):
             others = other_strand_tree([*localised, *other_lines], k, radii[k])
             # Each pass treats the first point and turns the line round.
-            localised[k] = localise_end_in_images(localised[k], views, others, radii[k])[::-1]
+            localised[k] = localise_end_in_images(localised[k], views, others, radii[k], border_offset_m)[::-1]
     return localised
 
 

@@ -80,7 +80,7 @@ def find_resting_heights(
     number = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
     height_m = (floors + radii)[number]
     level = (np.vstack(lines)[:, 2] - height_m) / r
-    is_away = _is_away(lines, AWAY_RADII * r)
+    is_away = is_away_from_others(lines, AWAY_RADII * r)
     resting = is_away & (np.abs(level) < MAX_LEVEL_RADII)
     stiffness = np.zeros(len(level))
     if resting.sum() < max(MIN_RESTING_SHARE * len(level), MIN_RESTING_POINTS):
@@ -113,7 +113,7 @@ def add_lost_height(z_m: NDArray[np.float64], floor_m: float, top_m: float, lost
     return z_m + lost_m * np.clip((z_m - floor_m) / (top_m - lost_m), 0.0, 1.0)
 
 
-def _is_away(lines: Sequence[Points], distance_m: float) -> NDArray[np.bool_]:
+def is_away_from_others(lines: Sequence[Points], distance_m: float) -> NDArray[np.bool_]:
     """Return which points (N,) are away from all other strands and other parts of their own, seen from above."""
     number = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
     along = np.concatenate([arc_length(line) for line in lines])
