@@ -67,7 +67,7 @@ def test_a_recording_that_announces_a_huge_array_is_refused(
     monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
 ) -> None:
     replace_reader(monkeypatch, "import numpy\nnumpy.ones((1 << 35,), dtype='u1')")
-    assert "took more than 160 MiB of memory" in refused()
+    assert "took more than 224 MiB of memory" in refused()
 
 
 def test_a_recording_that_never_ends_is_refused(monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]) -> None:
