@@ -318,7 +318,7 @@ class Camera(Protocol):
 
         Args:
             after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
-            with_image: Whether the frame has an intensity image.
+            with_image: Whether the frame has an `image` for a calibration, in place of `intensity`.
 
         Raises:
             CameraLostError: The camera is lost.

@@ -251,6 +251,8 @@ def test_the_views_are_recorded_in_the_planned_order(cell: Cell, tmp_path: Path)
     assert [view.index for view in recorded.views] == order
     for returned, read in zip(views, recorded.views, strict=True):
         np.testing.assert_array_equal(returned.T_base_flange, read.T_base_flange)
+        assert returned.intensity is not None
+        np.testing.assert_array_equal(read.intensity, returned.intensity)
         # The pose is reported by the controller. The plan uses the nominal kinematics, as the virtual arm does.
         planned_pose = prepared.plan.viewpoints[returned.index].T_base_flange
         np.testing.assert_allclose(returned.T_base_flange, planned_pose, atol=5e-4)
