@@ -83,8 +83,8 @@ def test_the_intensity_image_shows_the_string_at_the_pixels_of_the_depth(scene: 
         assert view.intensity is not None
         _, string = DepthCamera(camera, scene).render(view.T_base_camera)
         # A lens blurs the borders, and strings reflect less than a third of the light that the table reflects.
-        inside = binary_erosion(string >= 0, iterations=1)
-        outside = ~binary_dilation(string >= 0, iterations=3)
+        inside = np.asarray(binary_erosion(string >= 0), dtype=np.bool_)
+        outside = np.logical_not(binary_dilation(string >= 0, iterations=3))
         assert inside.sum() > 100
         assert np.median(view.intensity[inside]) < 0.6 * np.median(view.intensity[outside])
         assert np.quantile(view.intensity[inside], 0.9) < np.quantile(view.intensity[outside], 0.1)
