@@ -350,7 +350,7 @@ class Provenance:
     simulated: bool | None
     """Whether the arm or the camera was simulated."""
     intensity_views: int | None = None
-    """Number of views that have an intensity image. None: the model is of an earlier release."""
+    """Number of views that have an intensity image, or None in models of earlier releases."""
 
 
 @dataclass(frozen=True, eq=False)
