@@ -88,6 +88,12 @@ def _add_frames(kinds: Commands) -> None:
         metavar="M",
         help="metres per count of integers, or per unit of floats (as in camera.json, else guessed from the table)",
     )
+    frames.add_argument(
+        "--intensity",
+        type=Path,
+        metavar="DIR",
+        help="folder with an intensity image for each depth image: 8-bit grey PNG of the same name, aligned with it",
+    )
     add_scene_options(frames)
     frames.set_defaults(run=_import_frames)
 
