@@ -24,7 +24,7 @@ class View:
     """One depth image with its camera pose, checked when it is created.
 
     Raises:
-        InvalidViewError: The depth, the picture or K has the wrong type or shape, or a value is not valid.
+        InvalidViewError: The depth, an image or K has the wrong type or shape, or a value is not valid.
         NotRigidError: A pose is not a rigid transform.
 
     Example:
@@ -59,8 +59,11 @@ class View:
     colour_jpeg: bytes | None = field(default=None, repr=False)
     """Colour image of the same moment, JPEG, or None."""
     image: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """Intensity image (H, W) or (H, W, 3) BGR with the size and the K of the depth image, or None. Recordings do not
-    contain it."""
+    """Picture (H, W) or (H, W, 3) BGR for a calibration, with the size and K of the depth image, or None. Recordings do
+    not contain it."""
+    intensity: NDArray[np.uint8] | None = field(default=None, repr=False)
+    """Grey image (H, W) of the exposures of the depth, of the same camera and aligned pixel for pixel, or None if the
+    camera gives none."""
 
     def __post_init__(self) -> None:
         where = f"view {self.index}"
@@ -89,12 +92,11 @@ class View:
                 f"{where}: K has its centre at ({cx:g}, {cy:g}), outside the {width}x{height} depth image: "
                 "the calibration is of another resolution"
             )
-        if self.image is not None and not (
-            self.image.dtype == np.uint8 and self.image.shape in ((height, width), (height, width, 3))
-        ):
-            raise InvalidViewError(
-                f"{where}: the picture is {self.image.dtype} {self.image.shape}; uint8 of {width}x{height} is needed"
-            )
+        if self.image is not None:
+            channels = (3,) if self.image.ndim == 3 else ()
+            _require_grey_levels(self.image, (height, width, *channels), f"{where}: the picture")
+        if self.intensity is not None:
+            _require_grey_levels(self.intensity, (height, width), f"{where}: the intensity image")
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "T_base_flange", rigid(self.T_base_flange, f"{where}: T_base_flange"))
         object.__setattr__(self, "T_flange_camera", rigid(self.T_flange_camera, f"{where}: T_flange_camera"))
@@ -103,6 +105,16 @@ class View:
     def T_base_camera(self) -> NDArray[np.float64]:
         """(4, 4) camera pose; maps camera points to the base frame."""
         return self.T_base_flange @ self.T_flange_camera
+
+
+def _require_grey_levels(image: object, shape: tuple[int, ...], what: str) -> None:
+    """Raise InvalidViewError unless an image is an array of uint8 of this shape."""
+    if isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.shape == shape:
+        return
+    found = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+    raise InvalidViewError(
+        f"{what} is {found}; uint8 of {shape[1]}x{shape[0]} pixels is needed, the size of the depth image"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +134,11 @@ class Frame:
     colour_jpeg: bytes | None = field(default=None, repr=False)
     """Colour image of the same moment, JPEG, or None."""
     image: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """Intensity image (H, W) or (H, W, 3) BGR, only on request: the mean of as many images at rest. It is rectified and
-    of the camera of the depth image, so that `K` holds for it too."""
+    """Picture (H, W) or (H, W, 3) BGR for a calibration, only on request: the mean of as many images at rest, without
+    dots. It is rectified and of the camera of the depth image, so that `K` holds for it too."""
+    intensity: NDArray[np.uint8] | None = field(default=None, repr=False)
+    """Grey image (H, W) of the exposures of the depth, their mean, of the same camera and aligned pixel for pixel. None
+    if the camera gives none, or if `image` was requested."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,7 +318,7 @@ class Camera(Protocol):
 
         Args:
             after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
-            with_image: Whether the frame has an intensity image.
+            with_image: Whether the frame has an `image` for a calibration, in place of `intensity`.
 
         Raises:
             CameraLostError: The camera is lost.

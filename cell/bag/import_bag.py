@@ -1,7 +1,7 @@
 """Conversion of a bag to a recording, with one view for each position at which the arm stood still."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from cell.bag.bag_file import Bag, open_bag
 from cell.bag.depth_image import depth_counts, depth_unit, is_rectified
 from cell.bag.errors import BagError
 from cell.bag.frames import Frames, find_frames, fixed_camera
+from cell.bag.intensity_images import find_intensity_topic, mean_intensities
 from cell.bag.stationary import StationaryPose, StationaryPoses, find_stationary_poses
 from cell.bag.survey import Survey, Topics, find_topics, survey
 from cell.bag.tf_tree import nanoseconds
@@ -29,6 +30,7 @@ class BagRequest:
 
     depth_topic: str | None = None
     info_topic: str | None = None
+    intensity_topic: str | None = None
     base_frame: str | None = None
     flange_frame: str | None = None
     camera_frame: str | None = None
@@ -52,6 +54,8 @@ class ImportedBag:
     topics: Topics
     frames: Frames
     stationary: StationaryPoses
+    intensity_topic: str | None
+    """Topic of the intensity images, or None without images that are aligned with the depth."""
 
 
 def import_bag(path: Path, out: Path, request: BagRequest) -> ImportedBag:
@@ -80,16 +84,23 @@ def import_bag(path: Path, out: Path, request: BagRequest) -> ImportedBag:
         if T_flange_camera is None:
             taken_ns = contents.stamps_ns[[frame for pose in stationary.poses for frame in pose.frames]]
             T_flange_camera = fixed_camera(contents.tree, frames, taken_ns)
+        intensity_topic = find_intensity_topic(bag, topics, contents, request.intensity_topic)
+        provenance = _provenance(bag, topics, frames, stationary, contents.encoding, request.hand_eye)
+        if intensity_topic is not None:
+            provenance["intensity_topic"] = shown(intensity_topic)
         header = RecordingHeader(
             depth_unit_m=depth_unit(contents.encoding, request.depth_unit_m),
             string_radius_m=request.string_radius_m,
             T_flange_camera=T_flange_camera,
             table_z_m=request.table_z_m,
             workspace_m=request.workspace_m,
-            provenance=_provenance(bag, topics, frames, stationary, contents.encoding, request.hand_eye),
+            provenance=provenance,
         )
-        write_whole(out, header, _views(bag, topics, contents, stationary, header))
-    return ImportedBag(topics, frames, stationary)
+        views = _views(bag, topics, contents, stationary, header)
+        if intensity_topic is not None:
+            views = _with_intensity(views, bag, intensity_topic, contents, stationary)
+        write_whole(out, header, views)
+    return ImportedBag(topics, frames, stationary, intensity_topic)
 
 
 def _check_count(stationary: StationaryPoses, images: int) -> None:
@@ -112,7 +123,7 @@ def _check_count(stationary: StationaryPoses, images: int) -> None:
 
 def _provenance(
     bag: Bag, topics: Topics, frames: Frames, stationary: StationaryPoses, encoding: str, hand_eye: str
-) -> Mapping[str, str]:
+) -> dict[str, str]:
     return {
         "source": f"ROS {bag.ros} bag",
         "bag": shown(bag.name),
@@ -142,6 +153,16 @@ def _views(
         pending.setdefault(k, []).append(depth)
         if len(pending[k]) == len(stationary.poses[k].frames):
             yield _view(k, stationary.poses[k], median(pending.pop(k)), contents, header)
+
+
+def _with_intensity(
+    views: Iterator[View], bag: Bag, topic: str, contents: Survey, stationary: StationaryPoses
+) -> Iterator[View]:
+    """Yield the views with their intensity images. A view without images keeps none."""
+    shape = (contents.intrinsics.height, contents.intrinsics.width)
+    means = mean_intensities(bag, topic, stationary.poses, contents.stamps_ns, shape)
+    for view in views:
+        yield replace(view, intensity=means.get(view.index))
 
 
 def _view(

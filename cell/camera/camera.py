@@ -80,7 +80,7 @@ class LiveCamera:
 
         Args:
             after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
-            with_image: Whether the frame has an intensity image.
+            with_image: Whether the frame has an `image` for a calibration, in place of `intensity`.
 
         Raises:
             CameraLostError: The camera is lost, also after a new connection.

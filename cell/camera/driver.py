@@ -29,12 +29,14 @@ class CameraDriver(Protocol):
     def capture(self, after_s: float, silence_s: float, patience_s: float, with_image: bool = False) -> Frame:
         """Return the median of the configured number of exposures.
 
+        If the camera sends grey images that are aligned with the depth, the frame has `intensity`, their mean.
+
         Args:
             after_s: Earliest start of an exposure, seconds of `time.monotonic()`.
             silence_s: Largest time between two images.
             patience_s: Time after which all exposures must be there.
-            with_image: Whether the frame has an intensity image. It is never requested from a camera without
-                `CameraInfo.has_images`.
+            with_image: Whether the frame has an `image` for a calibration, in place of `intensity`. It is never
+                requested from a camera without `CameraInfo.has_images`.
 
         Raises:
             CameraLostError: The link to the camera broke.

@@ -1,5 +1,6 @@
 """Combination of several exposures of a scene at rest to one frame."""
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from cell.devices import Burst, Frame
 from cell.errors import BadFrameError
+
+log = logging.getLogger(__name__)
 
 MIN_MEASURED_SHARE = 0.01
 """Smallest share of measured pixels of a usable depth image."""
@@ -35,6 +38,8 @@ class Exposure:
     """(3, 3) pinhole matrix, pixels."""
     began_s: float
     """Start of the exposure, seconds of `time.monotonic()`."""
+    number: int = 0
+    """Number of the exposure. The depth image and the intensity image of one exposure have the same number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +52,8 @@ class Picture:
     """(3, 3) pinhole matrix, pixels."""
     began_s: float
     """Start of the exposure, seconds of `time.monotonic()`."""
+    number: int = 0
+    """Number of the exposure. The depth image and the intensity image of one exposure have the same number."""
 
 
 Image = TypeVar("Image", Exposure, Picture)
@@ -100,13 +107,20 @@ def wait_for_exposures(
     return taken
 
 
-def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequence[Picture] = ()) -> Frame:
-    """Combine exposures of a scene at rest to the median of their depth and the mean of the pictures.
+def combine(
+    exposures: Sequence[Exposure],
+    depth_unit_m: float,
+    pictures: Sequence[Picture] = (),
+    left_images: Sequence[Picture] = (),
+) -> Frame:
+    """Combine exposures of a scene at rest to the median of their depth and the means of their images.
 
     Args:
         exposures: Depth images of one size and matrix.
         depth_unit_m: Metres per depth count.
-        pictures: Intensity images of the same size and matrix, or none.
+        pictures: Images for a calibration of the same size and matrix, or none.
+        left_images: Grey images of these exposures, or none. Images of another size or matrix are left out with a
+            warning in the log, because a scan does not need them.
 
     Raises:
         BadFrameError: The images show nothing, differ in size or matrix, or are no (H, W) arrays of uint16.
@@ -117,7 +131,8 @@ def combine(exposures: Sequence[Exposure], depth_unit_m: float, pictures: Sequen
     _check(depth)
     # The epoch's clock is read only here. Setting it during a capture does not affect the waiting.
     began_s = exposures[-1].began_s + time.time() - time.monotonic()
-    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image)
+    intensity = _intensity(left_images, first)
+    return Frame(depth, depth_unit_m, first.K, began_s, len(exposures), image=image, intensity=intensity)
 
 
 def as_burst(exposures: Sequence[Exposure], depth_unit_m: float) -> Burst:
@@ -163,22 +178,47 @@ def median(depths: Sequence[NDArray[np.uint16]]) -> NDArray[np.uint16]:
     return np.where(2 * measured > len(depths), picked, 0).astype(np.uint16)
 
 
+def mean_image(images: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return the rounded mean of images of one shape at each pixel.
+
+    It has less noise than one of the images or their median. Nothing blurs, because the scene is at rest.
+    """
+    mean = np.mean(images, axis=0, dtype=np.float32)
+    return np.rint(mean).astype(np.uint8)
+
+
+def _intensity(left_images: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8] | None:
+    """Return the mean of the images of the exposures, or None if there are none that fit the depth image."""
+    for image in left_images:
+        if image.pixels.shape != exposure.depth.shape or _matrix_difference(image.K, exposure.K) > SAME_K_PX:
+            log.warning(
+                "the view has no intensity image: the camera's image (%s) does not fit its depth image (%s)",
+                _pinhole(image.K, image.pixels.shape),
+                _pinhole(exposure.K, exposure.depth.shape),
+            )
+            return None
+    return mean_image([image.pixels for image in left_images]) if left_images else None
+
+
+def _matrix_difference(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(np.abs(a - b).max())
+
+
 def _image(pictures: Sequence[Picture], exposure: Exposure) -> NDArray[np.uint8]:
-    """Return the mean of the pictures, which has the least noise. Nothing blurs, because the scene is at rest."""
+    """Return the mean of the pictures. Raise BadFrameError if they do not fit the depth image or show nothing."""
     first = pictures[0]
     for picture in pictures:
         if picture.pixels.shape != first.pixels.shape or not np.array_equal(picture.K, first.K):
             raise BadFrameError(
                 "the picture's resolution or intrinsics changed within one capture: connect the camera again"
             )
-    if first.pixels.shape[:2] != exposure.depth.shape or np.abs(first.K - exposure.K).max() > SAME_K_PX:
+    if first.pixels.shape[:2] != exposure.depth.shape or _matrix_difference(first.K, exposure.K) > SAME_K_PX:
         raise BadFrameError(
             f"the camera's picture ({_pinhole(first.K, first.pixels.shape)}) does not fit its depth image "
             f"({_pinhole(exposure.K, exposure.depth.shape)}), so that a calibration by the one would be wrong for the "
             "other: connect the camera again, and if it stays so, check its firmware and factory calibration"
         )
-    mean = np.mean([picture.pixels for picture in pictures], axis=0, dtype=np.float32)
-    image = np.rint(mean).astype(np.uint8)
+    image = mean_image([picture.pixels for picture in pictures])
     grey = image if image.ndim == 2 else image[..., 1]
     share = np.cumsum(np.bincount(grey.ravel(), minlength=256)) / grey.size
     dark, bright = (int(level) for level in np.searchsorted(share, DARK_AND_BRIGHT))

@@ -3,9 +3,9 @@
 The two differ only in the pipeline that sends the images. The same code decodes, awaits and combines them.
 """
 
+import logging
 import time
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
 from datetime import timedelta
 from math import inf
@@ -21,10 +21,14 @@ from cell.errors import BadFrameError, CameraLostError, CameraUnreachableError, 
 if TYPE_CHECKING:
     import depthai as dai
 
+log = logging.getLogger(__name__)
+
 FIRST_FRAME_S = 10.0
 """Longest time from opening a camera to its first image."""
 SLICE_S = 0.25
 """Period at which a wait for an image checks whether the camera stopped."""
+LATE_IMAGE_S = 0.1
+"""Longest wait for left images after the last depth image of a capture. The camera sends them before the depth."""
 STEADY_S = 4.0
 """Longest time for the exposure time to settle."""
 STEADY_FOR_S, STEADY_IMAGES, STEADY_SHARE = 0.2, 3, 0.05
@@ -67,17 +71,21 @@ class OakDriver:
     def capture(self, after_s: float, silence_s: float, patience_s: float, with_image: bool = False) -> Frame:
         """Return the median of the configured number of exposures, as `CameraDriver.capture` says.
 
-        The times hold for the depth images, and then again for the intensity images, most of which have come by then.
+        The times hold for the depth images, and then again for the pictures of `with_image`, most of which have come by
+        then.
         """
         stream = self._running()
         count = self._settings.exposures
         pictures: list[Picture] = []
+        left_images: list[Picture] = []
         stream.watch(True)
         try:
             self._drop_waiting_images()
-            with stream.sending_pictures() if with_image else nullcontext():
-                exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
-                if with_image:
+            with stream.sending_pictures():
+                if not with_image:
+                    exposures, left_images = self._receive_pairs(after_s, silence_s, patience_s)
+                else:
+                    exposures = wait_for_exposures(self._receive, after_s, count, silence_s, patience_s)
                     with stream.without_dots():
                         dark_s = -inf if stream.dots is None else time.monotonic()
                         pictures = wait_for_exposures(
@@ -85,7 +93,7 @@ class OakDriver:
                         )
         finally:
             stream.watch(False)
-        return combine(exposures, stream.depth_unit_m, pictures)
+        return combine(exposures, stream.depth_unit_m, pictures, left_images)
 
     def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:
         """Return single exposures, as `CameraDriver.burst` says."""
@@ -144,6 +152,32 @@ class OakDriver:
         """Drop the images from before a call."""
         while self._receive(0.0) is not None:
             pass
+
+    def _receive_pairs(
+        self, after_s: float, silence_s: float, patience_s: float
+    ) -> tuple[list[Exposure], list[Picture]]:
+        """Return the exposures of a capture, and the left images of those whose image came too."""
+        arrived: dict[int, Picture] = {}
+
+        def receive(timeout_s: float) -> Exposure | None:
+            exposure = self._receive(timeout_s)
+            self._collect_left_images(arrived, after_s)  # the queue is short, so it is emptied after each depth image
+            return exposure
+
+        exposures = wait_for_exposures(receive, after_s, self._settings.exposures, silence_s, patience_s)
+        end_s = time.monotonic() + LATE_IMAGE_S
+        while any(exposure.number not in arrived for exposure in exposures) and time.monotonic() < end_s:
+            self._collect_left_images(arrived, after_s)
+        return exposures, [arrived[exposure.number] for exposure in exposures if exposure.number in arrived]
+
+    def _collect_left_images(self, arrived: dict[int, Picture], after_s: float) -> None:
+        """Add the waiting left images that began after `after_s` to `arrived`, by their numbers."""
+        try:
+            while (image := self._receive_picture(0.0)) is not None:
+                if image.began_s > after_s:
+                    arrived[image.number] = image
+        except BadFrameError as error:
+            log.warning("an intensity image is left out: %s", error)
 
     def _receive(self, timeout_s: float) -> Exposure | None:
         message = self._next(self._running().depth, timeout_s)

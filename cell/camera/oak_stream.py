@@ -177,7 +177,7 @@ def decode(message: "dai.ImgFrame") -> Exposure:
     import depthai as dai
 
     rows = _rows(message, 2, "depth image", message.getType() == dai.ImgFrame.Type.RAW16)
-    return Exposure(rows.view("<u2").astype(np.uint16), _K(message), _began_s(message))
+    return Exposure(rows.view("<u2").astype(np.uint16), _K(message), _began_s(message), message.getSequenceNum())
 
 
 def decode_picture(message: "dai.ImgFrame") -> Picture:
@@ -197,7 +197,7 @@ def decode_picture(message: "dai.ImgFrame") -> Picture:
     depth = 3 if kind == known.BGR888i else 1
     rows = _rows(message, depth, "picture", kind == known.BGR888i or kind in luma)
     pixels = rows.reshape(len(rows), -1, 3) if depth == 3 else rows
-    return Picture(pixels, _K(message), _began_s(message))
+    return Picture(pixels, _K(message), _began_s(message), message.getSequenceNum())
 
 
 def _rows(message: "dai.ImgFrame", pixel_bytes: int, what: str, of_its_kind: bool) -> NDArray[np.uint8]:

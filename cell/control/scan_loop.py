@@ -44,7 +44,7 @@ class ScanContext:
     check: Callable[[], None]
     """Called before each move. It raises the error that ends the scan, for example because the calibration changed."""
     with_image: bool = False
-    """Whether each view has an intensity image besides the depth."""
+    """Whether each view has an `image` for a calibration."""
 
 
 def take_views(
@@ -147,4 +147,5 @@ def _capture(context: ScanContext, index: int, at_rest: ArmState) -> View:
         stamp_s=frame.stamp_s,
         colour_jpeg=frame.colour_jpeg,
         image=frame.image,
+        intensity=frame.intensity,
     )

@@ -14,6 +14,7 @@ from cell.frames.camera_file import Intrinsics, read_intrinsics
 from cell.frames.depth_file import MAX_COUNT, fine_unit, measured, read_depth, to_counts
 from cell.frames.errors import FramesError
 from cell.frames.folder import depth_images
+from cell.frames.intensity_file import read_intensities
 from cell.frames.pose_files import read_poses
 from cell.frames.table_fit import (
     Frames,
@@ -51,6 +52,9 @@ class FramesRequest:
     """Height of the table in the base frame."""
     workspace_m: Box | None = None
     """Limits along x, y and z in the base frame that recognition works in; None: everything that was measured."""
+    intensity: Path | None = None
+    """Folder with an intensity image for each depth image, of the same name and as 8-bit grey PNG; None: there are
+    none."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,10 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
     units = table_units(frames, request.table_z_m)
     unit_m, unit_source = _unit(frames, request, intrinsics, units)
     recording_unit_m = _recording_unit(values, unit_m)
+    height, width = values[0].shape
+    intensities: list[NDArray[np.uint8]] | None = None
+    if request.intensity is not None:
+        intensities = read_intensities(request.intensity, [path.stem for path in images], (height, width))
     header = RecordingHeader(
         depth_unit_m=recording_unit_m,
         string_radius_m=request.string_radius_m,
@@ -126,8 +134,7 @@ def import_frames(folder: Path, out: Path, request: FramesRequest) -> ImportedFr
         },
     )
     depths = [to_counts(each, unit_m, recording_unit_m) for each in values]
-    write_whole(out, header, _views(frames, depths, header))
-    height, width = values[0].shape
+    write_whole(out, header, _views(frames, depths, intensities, header))
     lost = sum(int(np.count_nonzero(measured(a) & (b == 0))) for a, b in zip(values, depths, strict=True))
     fitting = fitting_units(frames, units)
     return ImportedFrames(
@@ -217,7 +224,12 @@ def _recording_unit(values: list[NDArray[np.generic]], unit_m: float) -> float:
     return fine_unit(largest * unit_m)
 
 
-def _views(frames: Frames, depths: list[NDArray[np.uint16]], header: RecordingHeader) -> Iterator[View]:
+def _views(
+    frames: Frames,
+    depths: list[NDArray[np.uint16]],
+    intensities: list[NDArray[np.uint8]] | None,
+    header: RecordingHeader,
+) -> Iterator[View]:
     for k, depth in enumerate(depths):
         try:
             yield View(
@@ -228,6 +240,7 @@ def _views(frames: Frames, depths: list[NDArray[np.uint16]], header: RecordingHe
                 T_base_flange=encodable(frames.poses[k]),
                 T_flange_camera=header.T_flange_camera,
                 stamp_s=float(k),
+                intensity=None if intensities is None else intensities[k],
             )
         except InvalidViewError as error:
             raise FramesError(f"{frames.names[k]}: {error}") from error

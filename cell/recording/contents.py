@@ -17,6 +17,7 @@ from cell.recording.messages import (
     CALIBRATION,
     COLOUR,
     DEPTH,
+    INTENSITY,
     POSE,
     SCHEMAS,
     PinholeCalibration,
@@ -24,6 +25,7 @@ from cell.recording.messages import (
     decode_calibration,
     decode_colour,
     decode_depth,
+    decode_intensity,
     decode_pose,
 )
 
@@ -40,6 +42,8 @@ class Parts:
     """Camera matrix and image size."""
     depth: NDArray[np.uint16] | None = None
     """Depth image (H, W), counts."""
+    intensity: NDArray[np.uint8] | None = None
+    """Intensity image (H, W), grey levels."""
     colour: bytes | None = None
     """Colour image, JPEG."""
 
@@ -157,4 +161,6 @@ def _decode(message: TopicMessage, where: str, limits: Limits) -> tuple[Any, str
         return decode_calibration(message.data, where), "calibration"
     if topic == DEPTH:
         return decode_depth(message.data, where, limits.image_pixels), "depth"
+    if topic == INTENSITY:
+        return decode_intensity(message.data, where, limits.image_pixels), "intensity"
     return decode_colour(message.data, limits.colour_pixels), "colour"

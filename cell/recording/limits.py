@@ -7,11 +7,14 @@ MIB = 1 << 20
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits for reading a recording. The defaults take 64 views of 1280x800, or ten of 4 megapixels."""
+    """Limits for reading a recording.
+
+    The defaults take 64 views of 1280x800 with intensity images, or ten of 4 megapixels.
+    """
 
     file_bytes: int = 256 * MIB
     """Size of the file, bytes."""
-    content_bytes: int = 160 * MIB
+    content_bytes: int = 224 * MIB
     """Size of all messages, decompressed, bytes. Reading needs about this memory."""
     chunk_bytes: int = 32 * MIB
     """Size of one chunk, decompressed, bytes."""
@@ -26,7 +29,7 @@ class Limits:
     views: int = 64
     """Number of views; all indices are smaller."""
     image_pixels: int = 4 * MIB
-    """Width times height of a depth image, pixels."""
+    """Width times height of a depth or intensity image, pixels."""
     colour_pixels: int = 16 * MIB
     """Width times height of a colour image, pixels."""
 

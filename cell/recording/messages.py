@@ -21,9 +21,11 @@ from cell.devices import View
 from cell.recording.errors import RecordingContentError, RecordingTooLargeError, shown
 
 POSE, CALIBRATION, DEPTH, COLOUR = "/tf", "/camera/calibration", "/camera/depth", "/camera/color"
+INTENSITY = "/camera/intensity"
 SCHEMAS = {
     POSE: FrameTransform,
     CALIBRATION: CameraCalibration,
+    INTENSITY: RawImage,
     DEPTH: RawImage,
     COLOUR: CompressedImage,
 }
@@ -34,6 +36,8 @@ BASE, FLANGE, CAMERA = "base", "flange", "camera"
 
 DEPTH_ENCODINGS = ("16UC1", "mono16")
 """Encodings of a depth image that are read. The first one is written."""
+INTENSITY_ENCODINGS = ("mono8", "8UC1")
+"""Encodings of an intensity image that are read. The first one is written."""
 REACH_M = 100.0
 """Largest distance of a flange from its base."""
 FOCAL_MAX = 1e6
@@ -57,7 +61,7 @@ class PinholeCalibration:
 
 
 def encode_view(view: View, log_time_ns: int) -> list[tuple[str, Any]]:
-    """Return the messages of a view with their topics. The depth image is stored without loss."""
+    """Return the messages of a view with their topics. Depth and intensity image are stored without loss."""
     stamp = Timestamp()
     stamp.FromNanoseconds(log_time_ns)
     height, width = view.depth.shape
@@ -90,7 +94,20 @@ def encode_view(view: View, log_time_ns: int) -> list[tuple[str, Any]]:
         step=2 * width,
         data=view.depth.astype("<u2").tobytes(),
     )
-    messages: list[tuple[str, Any]] = [(POSE, pose), (CALIBRATION, calibration), (DEPTH, depth)]
+    messages: list[tuple[str, Any]] = [(POSE, pose), (CALIBRATION, calibration)]
+    if view.intensity is not None:
+        intensity = RawImage(
+            timestamp=stamp,
+            frame_id=CAMERA,
+            width=width,
+            height=height,
+            encoding=INTENSITY_ENCODINGS[0],
+            step=width,
+            data=view.intensity.tobytes(),
+        )
+        # before the depth, so that a view of a file that is cut off has its intensity image when it is complete
+        messages.append((INTENSITY, intensity))
+    messages.append((DEPTH, depth))
     if view.colour_jpeg is not None:
         colour = CompressedImage(timestamp=stamp, frame_id=CAMERA, format="jpeg", data=view.colour_jpeg)
         messages.append((COLOUR, colour))
@@ -137,24 +154,37 @@ def decode_calibration(data: bytes, where: str) -> PinholeCalibration:
 def decode_depth(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint16]:
     """Return the depth image (H, W) of a foxglove.RawImage with 16-bit counts, little-endian as Foxglove defines."""
     message = _decode(RawImage(), data, f"{where}: {DEPTH}")
-    height, width, step = message.height, message.width, message.step
-    if message.encoding not in DEPTH_ENCODINGS:
-        raise RecordingContentError(
-            f"{where}: the depth image has encoding {message.encoding[:40]!r}; only 16UC1 is read"
-        )
+    rows = _rows(message, DEPTH_ENCODINGS, 2, max_pixels, f"{where}: the depth image")
+    return rows.view("<u2").astype(np.uint16)
+
+
+def decode_intensity(data: bytes, where: str, max_pixels: int) -> NDArray[np.uint8]:
+    """Return the intensity image (H, W) of a foxglove.RawImage with 8-bit grey levels."""
+    message = _decode(RawImage(), data, f"{where}: {INTENSITY}")
+    # a copy, which does not keep the message in memory
+    return _rows(message, INTENSITY_ENCODINGS, 1, max_pixels, f"{where}: the intensity image").copy()
+
+
+def _rows(
+    message: RawImage, encodings: tuple[str, ...], pixel_bytes: int, max_pixels: int, what: str
+) -> NDArray[np.uint8]:
+    """Return the rows of an image (H, W * pixel_bytes) without padding."""
+    height = message.height
+    width = message.width
+    step = message.step
+    if message.encoding not in encodings:
+        raise RecordingContentError(f"{what} has encoding {message.encoding[:40]!r}; only {encodings[0]} is read")
     if height * width == 0:
-        raise RecordingContentError(f"{where}: the depth image is empty ({width}x{height})")
+        raise RecordingContentError(f"{what} is empty ({width}x{height})")
     if height * width > max_pixels:
-        raise RecordingTooLargeError(
-            f"{where}: the depth image announces {width}x{height} pixels; {max_pixels} at most are read"
-        )
-    pixels = message.data
-    if step < 2 * width or step * height != len(pixels):
+        raise RecordingTooLargeError(f"{what} announces {width}x{height} pixels; {max_pixels} at most are read")
+    row_bytes = pixel_bytes * width
+    if step < row_bytes or step * height != len(message.data):
         raise RecordingContentError(
-            f"{where}: the depth image of {width}x{height} pixels, {step} bytes a row, is {len(pixels)} bytes"
+            f"{what} of {width}x{height} pixels, {step} bytes a row, is {len(message.data)} bytes"
         )
-    rows = np.frombuffer(pixels, dtype=np.uint8).reshape(height, step)[:, : 2 * width]
-    return np.ascontiguousarray(rows).view("<u2").astype(np.uint16)
+    rows = np.frombuffer(message.data, dtype=np.uint8).reshape(height, step)[:, :row_bytes]
+    return np.ascontiguousarray(rows)
 
 
 def decode_colour(data: bytes, max_pixels: int) -> bytes:

@@ -44,8 +44,9 @@ def read_recording(path: str | os.PathLike[str], limits: Limits = DEFAULT_LIMITS
     """Read all complete views of a recording, of ours or of another writer.
 
     A view without pose, calibration or depth image is excluded and named in `missing`. `missing` also says if the file
-    was cut off. A view with wrong content makes the whole recording refused. Only its colour image is optional, because
-    recognition does not need it: one that cannot be used is left out, and named in `unusable_colour`.
+    was cut off. A view with wrong content makes the whole recording refused, also if its intensity image does not fit
+    its depth image. Only a colour image is optional, because recognition does not need it: one that cannot be used is
+    left out, and named in `unusable_colour`.
 
     Args:
         path: The MCAP file.
@@ -156,6 +157,7 @@ def view_of(index: int, parts: Parts | None, header: RecordingHeader) -> View | 
             T_flange_camera=header.T_flange_camera,
             stamp_s=parts.log_time_ns / 1_000_000_000,
             colour_jpeg=parts.colour,
+            intensity=parts.intensity,
         )
     except (InvalidViewError, NotRigidError) as error:
         raise RecordingContentError(str(error)) from error

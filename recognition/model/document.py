@@ -480,6 +480,8 @@ class ProvenanceDocument(_Document):
     """SHA-256 of the hand-eye calibration."""
     simulated: bool | None
     """Whether the arm or the camera was simulated."""
+    intensity_views: int | SkipJsonSchema[None] = _optional()
+    """Number of views that have an intensity image. Absent in models of earlier releases."""
 
     def to_provenance(self) -> Provenance:
         """Return the provenance."""

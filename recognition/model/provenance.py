@@ -19,3 +19,5 @@ class Provenance:
     """SHA-256 of the hand-eye calibration."""
     simulated: bool | None = None
     """Whether the arm or the camera was simulated."""
+    intensity_views: int | None = None
+    """Number of views that have an intensity image."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from recognition.preprocessing.plane_fit import median_sigma
 from recognition.preprocessing.table_measurement import ViewPlane, pixels_near_table
-from recognition.preprocessing.target_cloud import DepthView, Scene
+from recognition.preprocessing.target_cloud import DepthView, Scene, intensity_of
 
 DEGREE = 5
 """Maximum degree of the polynomials of the warp. It describes three half periods across the image."""
@@ -125,6 +125,8 @@ class CorrectedView:
     """(3, 3) pinhole matrix, pixels."""
     T_base_camera: NDArray[np.float64]
     """(4, 4) camera pose, metres."""
+    intensity: NDArray[np.uint8] | None = None
+    """(H, W) intensity image of the captured view, or None."""
 
 
 def sample_table(view: DepthView, plane: ViewPlane, scene: Scene, size: int = SAMPLE_SIZE) -> TableSample | None:
@@ -213,7 +215,7 @@ def correct(view: DepthView, warp: DepthWarp) -> CorrectedView:
     if largest_m > 0:
         unit_m = min(unit_m, largest_m / MAX_COUNT)
     counts = np.clip(np.rint(depth_m / unit_m), 0, MAX_COUNT)
-    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
+    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))
 
 
 def finer_unit_m(unit_m: float, largest_m: float) -> float:

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import transform_points
 from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
-from recognition.preprocessing.target_cloud import AlignedView, deproject, is_in_workspace
+from recognition.preprocessing.target_cloud import AlignedView, deproject, intensity_of, is_in_workspace
 
 MIN_HEIGHT_RADII = 0.5
 """Minimum height of a ridge above the table, in radii r."""
@@ -169,7 +169,7 @@ def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
     depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
     unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
-    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera)
+    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))
 
 
 def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m, sample_table
 from recognition.preprocessing.plane_fit import median_sigma
 from recognition.preprocessing.table_measurement import ViewPlane
-from recognition.preprocessing.target_cloud import DepthView, Scene
+from recognition.preprocessing.target_cloud import DepthView, Scene, intensity_of
 
 SAMPLE_SIZE = 6000
 """Approximate number of pixels per view after even subsampling."""
@@ -129,7 +129,7 @@ def correct_locking(view: DepthView, locking: PixelLocking) -> CorrectedView:
     unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     corrected = np.zeros(len(counts) + 1, dtype=np.uint16)
     corrected[1:] = np.clip(np.rint(depth_m / unit_m), 1, MAX_COUNT)
-    return CorrectedView(view.index, corrected[view.depth], unit_m, view.K, view.T_base_camera)
+    return CorrectedView(view.index, corrected[view.depth], unit_m, view.K, view.T_base_camera, intensity_of(view))
 
 
 def _find_period(inverse_depth: NDArray[np.float64], deviation: NDArray[np.float64]) -> float | None:

@@ -48,6 +48,14 @@ class DepthView(Protocol):
         ...
 
 
+def intensity_of(view: DepthView) -> NDArray[np.uint8] | None:
+    """Return the intensity image (H, W) of a view, aligned with its depth pixel for pixel, or None if it has none.
+
+    A view needs no such image, so that `intensity` is no member of the protocol.
+    """
+    return getattr(view, "intensity", None)
+
+
 @dataclass(frozen=True)
 class Scene:
     """The table and the workspace, in the base frame.

@@ -15,7 +15,7 @@ from calibration.geometry.se3 import cross_matrix
 from calibration.geometry.transforms import from_rotation_vector, transform_points
 from recognition.errors import TableElsewhereError
 from recognition.preprocessing.table_measurement import ViewPlane
-from recognition.preprocessing.target_cloud import DepthView
+from recognition.preprocessing.target_cloud import DepthView, intensity_of
 from recognition.registration.pose_prior import N_SHARED, PoseSigmas
 
 MAX_SIGMA = 4.3
@@ -120,6 +120,11 @@ class MovedView:
     def K(self) -> NDArray[np.float64]:
         """(3, 3) pinhole matrix, pixels."""
         return self.image.K
+
+    @property
+    def intensity(self) -> NDArray[np.uint8] | None:
+        """(H, W) intensity image, or None."""
+        return intensity_of(self.image)
 
 
 def locate_table(planes: Sequence[ViewPlane], table_z_m: float) -> MeasuredTable | None:

@@ -36,6 +36,7 @@ def _request(options: argparse.Namespace) -> BagRequest:
     return BagRequest(
         depth_topic=options.depth_topic,
         info_topic=options.info_topic,
+        intensity_topic=options.intensity_topic,
         base_frame=options.base_frame,
         flange_frame=options.flange_frame,
         camera_frame=options.camera_frame,
@@ -58,6 +59,8 @@ def _report(imported: ImportedBag, out: Path) -> None:
         f"{len(stationary.poses)} views of {images} images each; excluded are {stationary.moving} images taken in "
         f"motion and {stationary.unknown} without a known pose",
     ]
+    if imported.intensity_topic is not None:
+        lines.append(f"intensity images of {shown(imported.intensity_topic)}, aligned with the depth")
     if stationary.single:
         lines.append(
             "poses are too far apart in time to tell whether the arm stood still: each image was used as a view of its "

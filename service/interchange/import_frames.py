@@ -27,6 +27,7 @@ def import_recording(options: argparse.Namespace) -> int:
             **given_hand_eye(options, COMMAND),
             intrinsics=None if options.intrinsics is None else tuple(options.intrinsics),
             depth_unit_m=options.depth_unit,
+            intensity=options.intensity,
             string_radius_m=given_radius(options),
             table_z_m=options.table_z,
             workspace_m=given_box(options),

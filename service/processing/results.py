@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
@@ -173,8 +174,8 @@ def recognise_views(
     from recognition.pipeline import recognise
 
     scene = Scene(header.table_z_m, header.workspace_m)
-    stamps: list[float] = []
-    arriving = _noting_stamps(views, stamps)
+    taken = _TakenViews()
+    arriving = taken.noting(views)
 
     def recognise_some(some: Iterable[DepthView], earlier: "Recognition | None" = None) -> "Recognition":
         return recognise(some, request, scene, on_stage=on_stage, earlier=earlier)
@@ -188,18 +189,30 @@ def recognise_views(
         incomplete = [found.message for found in missing if found.code == "recording-incomplete"]
         raise InsufficientViewsError("; ".join([str(error), *incomplete])) from error
     recognition = recognition.with_findings(missing)
-    provenance = _provenance(header, max(stamps), source)
+    provenance = _provenance(header, taken, source)
     return replace(recognition, model=replace(recognition.model, provenance=provenance))
 
 
-def _noting_stamps(views: Iterable[View], stamps: list[float]) -> Iterator[View]:
-    """Yield the views, and append the stamp of each to `stamps`."""
-    for view in views:
-        stamps.append(view.stamp_s)
-        yield view
+@dataclass
+class _TakenViews:
+    """What the provenance says of the views."""
+
+    last_stamp_s: float = -math.inf
+    """Time of the last view, seconds since the epoch."""
+    with_intensity: int = 0
+    """Number of views that have an intensity image."""
+
+    def noting(self, views: Iterable[View]) -> Iterator[View]:
+        """Yield the views, and note each."""
+        for view in views:
+            self.last_stamp_s = max(self.last_stamp_s, view.stamp_s)
+            if view.intensity is not None:
+                self.with_intensity += 1
+            yield view
 
 
-def _provenance(header: RecordingHeader, last_stamp_s: float, source: Source) -> Provenance:
+def _provenance(header: RecordingHeader, taken: _TakenViews, source: Source) -> Provenance:
+    last_stamp_s = taken.last_stamp_s
     # Imported views without a time have small stamps.
     has_time = last_stamp_s >= FIRST_TIME_S
     return Provenance(
@@ -209,6 +222,7 @@ def _provenance(header: RecordingHeader, last_stamp_s: float, source: Source) ->
         recording_sha256=source.recording_sha256,
         calibration_sha256=header.provenance.get("calibration_sha256"),
         simulated=header.simulated,
+        intensity_views=taken.with_intensity,
     )
 
 

@@ -66,10 +66,10 @@ class RecordingRefusedError(RecordingError):
 class SandboxLimits:
     """Limits for reading one recording."""
 
-    memory_bytes: int = 160 * MIB
+    memory_bytes: int = 224 * MIB
     """Address space in addition to that of the process before it opens the file, bytes.
 
-    The process has 90 MiB of memory by then. 64 views of 1280x800 take 150 MiB.
+    The process has 90 MiB of memory by then. 64 views of 1280x800 with intensity images take 205 MiB.
     """
     cpu_s: int = 20
     """CPU time including the start of the process, seconds."""

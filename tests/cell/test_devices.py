@@ -42,6 +42,10 @@ def test_camera_points_are_transformed_to_the_base_by_the_flange() -> None:
         ({"image": np.ones((40, 60), dtype=np.uint8)}, r"picture is uint8 \(40, 60\); uint8 of 64x40"),
         ({"image": np.ones((40, 64), dtype=np.float32)}, r"picture is float32 \(40, 64\)"),
         ({"image": np.ones((40, 64, 4), dtype=np.uint8)}, r"picture is uint8 \(40, 64, 4\)"),
+        ({"intensity": np.ones((40, 60), dtype=np.uint8)}, r"intensity image is uint8 \(40, 60\); uint8 of 64x40"),
+        ({"intensity": np.ones((40, 64), dtype=np.uint16)}, r"intensity image is uint16 \(40, 64\)"),
+        ({"intensity": np.ones((40, 64, 3), dtype=np.uint8)}, r"intensity image is uint8 \(40, 64, 3\)"),
+        ({"intensity": [[1, 2], [3, 4]]}, "intensity image is list"),
         ({"depth_unit_m": 0.0}, "depth unit 0.0 m"),
         ({"depth_unit_m": 0.1}, "depth unit 0.1 m"),
         ({"depth_unit_m": float("nan")}, "depth unit nan m"),
@@ -73,3 +77,9 @@ def test_a_view_may_have_a_picture(shape: tuple[int, ...]) -> None:
     picture = np.arange(np.prod(shape), dtype=np.uint8).reshape(shape)
     assert replace(VIEW, image=picture).image is picture
     assert VIEW.image is None
+
+
+def test_a_view_may_have_an_intensity_image() -> None:
+    intensity = np.arange(40 * 64, dtype=np.uint8).reshape(40, 64)
+    assert replace(VIEW, intensity=intensity).intensity is intensity
+    assert VIEW.intensity is None

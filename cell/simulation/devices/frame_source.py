@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import inverse
 from cell.simulation.devices.world import SimulatedWorld
 from cell.simulation.rendering.calibration_board import Print
-from cell.simulation.rendering.depth_camera import DepthCamera, ImageContent, StillView
+from cell.simulation.rendering.depth_camera import CameraImages, DepthCamera, ImageContent, StillView
 from cell.simulation.rendering.image_renderer import develop
 from cell.simulation.rendering.intensity_image import PictureCamera, lighting
 from cell.simulation.rendering.lighting import LIGHT_STREAM
@@ -26,7 +26,7 @@ class FrameSource:
     """Render depth and intensity images of a simulated world from given flange poses.
 
     Images from the same pose differ only by the noise of each exposure. A stereo camera renders its pair of images once
-    per pose, and its intensity image is the left one.
+    per pose.
     """
 
     def __init__(self, world: SimulatedWorld) -> None:
@@ -67,8 +67,21 @@ class FrameSource:
         """
         return self._camera.expose(self._still_at(T_base_flange), self._depth_rng)
 
+    def render_both(self, T_base_flange: NDArray[np.float64]) -> CameraImages:
+        """Render the depth image and the intensity image of one exposure.
+
+        A stereo camera gives the left image that the depth was matched in; the others give `render_intensity`.
+
+        Args:
+            T_base_flange: Reported flange pose (4, 4).
+        """
+        images = self._camera.expose_images(self._still_at(T_base_flange), self._depth_rng)
+        if images.intensity is not None:
+            return images
+        return CameraImages(images.depth, self.render_intensity(T_base_flange))
+
     def render_intensity(self, T_base_flange: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Render the intensity image of one exposure.
+        """Render an intensity image without depth, with noise of its own.
 
         The noise depends on the world's seed, the camera's position, and the number of images since the pose changed.
 

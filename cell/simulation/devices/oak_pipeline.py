@@ -105,8 +105,13 @@ class SimulatedImager:
         if self._frames.is_slow and not self._waiting:
             return None
         self._frames.switch_dots(self._dots_on)
-        depth = self._frames.render_depth(T_base_flange)
-        picture = self._frames.render_intensity(T_base_flange) if pictured else None
+        if pictured:
+            images = self._frames.render_both(T_base_flange)
+            depth = images.depth
+            picture = images.intensity
+        else:
+            depth = self._frames.render_depth(T_base_flange)
+            picture = None
         match self._fault:
             case "zero":
                 return ExposureImages(

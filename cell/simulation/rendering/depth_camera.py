@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import rigid
-from cell.camera.frame_averaging import median
+from cell.camera.frame_averaging import mean_image, median
 from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M, CameraName, simulated_optics
 from cell.config.rendering_options import RenderingOptions
 from cell.simulation.rendering.appearance import appearance_of_seed
@@ -201,6 +201,16 @@ class StillView:
 
 
 @dataclass(frozen=True, eq=False)
+class CameraImages:
+    """Images of an exposure or of a capture."""
+
+    depth: NDArray[np.uint16]
+    """Depth image (H, W), in depth units; 0 = not measured."""
+    intensity: NDArray[np.uint8] | None
+    """Left image (H, W) that the depth was matched in, or None without rendered images."""
+
+
+@dataclass(frozen=True, eq=False)
 class ImageContent:
     """What rendered images show, apart from the scene."""
 
@@ -297,18 +307,24 @@ class DepthCamera:
         return rays
 
     def capture(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint16]:
-        """Return the depth image (H, W) of a capture, in depth units; 0 = not measured.
+        """Return the depth image (H, W) of a capture, in depth units; 0 = not measured. See `capture_images`."""
+        return self.capture_images(T_base_camera, rng).depth
 
-        It is the median of five exposures. The noise model computes the median in one step.
+    def capture_images(self, T_base_camera: NDArray[np.float64], rng: np.random.Generator) -> CameraImages:
+        """Return the images of a capture: the median of the depth of five exposures, and the mean of their left images.
+
+        The noise model computes the median in one step.
 
         Args:
             T_base_camera: Camera pose (4, 4) in the scene.
             rng: Generator of the noise.
         """
         still = self.still_view(T_base_camera, rng)
-        if isinstance(still, StillPair):
-            return median([self.expose(still, rng) for _ in range(EXPOSURES)])
-        return self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE))
+        if not isinstance(still, StillPair):
+            return CameraImages(self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE)), None)
+        exposures = [self.expose_images(still, rng) for _ in range(EXPOSURES)]
+        left_images = [exposure.intensity for exposure in exposures if exposure.intensity is not None]
+        return CameraImages(median([exposure.depth for exposure in exposures]), mean_image(left_images))
 
     def still_view(
         self, T_base_camera: NDArray[np.float64], rng: np.random.Generator, with_dots: bool = True
@@ -329,15 +345,20 @@ class DepthCamera:
         return StillView(depth, drop_pixels(still, string >= 0, self.model.noise, rng))
 
     def expose(self, still: StillView | StillPair, rng: np.random.Generator) -> NDArray[np.uint16]:
-        """Return one exposure (H, W), in depth units; 0 = not measured.
+        """Return the depth image (H, W) of one exposure, in depth units; 0 = not measured. See `expose_images`."""
+        return self.expose_images(still, rng).depth
+
+    def expose_images(self, still: StillView | StillPair, rng: np.random.Generator) -> CameraImages:
+        """Return the images of one exposure.
 
         Args:
             still: What all exposures from the pose share.
             rng: Generator of the noise.
         """
         if isinstance(still, StillPair):
-            return self._counts(self._stereo.expose(still, rng).depth_m)
-        return self._counts(self._noisy(still, rng, 1.0))
+            exposure = self._stereo.expose(still, rng)
+            return CameraImages(self._counts(exposure.depth_m), exposure.left)
+        return CameraImages(self._counts(self._noisy(still, rng, 1.0)), None)
 
     def _noisy(self, still_view: StillView, rng: np.random.Generator, frame_share: float) -> NDArray[np.float32]:
         """Return the depth (H, W), metres, with the errors of an exposure times `frame_share`."""

@@ -26,6 +26,11 @@ def add_interchange_commands(commands: Commands) -> None:
     bag.add_argument(
         "--info-topic", metavar="TOPIC", help="topic of their CameraInfo (the one beside the images, else the only one)"
     )
+    bag.add_argument(
+        "--intensity-topic",
+        metavar="TOPIC",
+        help="topic of grey images that are aligned with the depth (the first one whose camera is that of the depth)",
+    )
     bag.add_argument("--base-frame", metavar="NAME", help="frame of the robot's base (base, else base_link)")
     bag.add_argument("--flange-frame", metavar="NAME", help="frame of the flange (tool0, else flange)")
     bag.add_argument("--camera-frame", metavar="NAME", help="optical frame of the images (the one in their headers)")
@@ -87,6 +92,12 @@ def _add_frames(kinds: Commands) -> None:
         type=float,
         metavar="M",
         help="metres per count of integers, or per unit of floats (as in camera.json, else guessed from the table)",
+    )
+    frames.add_argument(
+        "--intensity",
+        type=Path,
+        metavar="DIR",
+        help="folder with an intensity image for each depth image: 8-bit grey PNG of the same name, aligned with it",
     )
     add_scene_options(frames)
     frames.set_defaults(run=_import_frames)

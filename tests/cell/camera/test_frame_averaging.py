@@ -192,6 +192,36 @@ def test_a_picture_that_does_not_match_the_depth_image_is_rejected() -> None:
         frame_with(Picture(scene(), K, 0.0), Picture(scene()[1:], K, 0.0))
 
 
+def test_the_intensity_image_is_the_mean_of_the_left_images() -> None:
+    exposure = Exposure(plane(), K, 0.0)
+    assert combine([exposure], 0.0001).intensity is None
+    left_images = [Picture(scene() + np.uint8(more), K + 1e-5, 0.0) for more in (20, 21, 25)]
+    frame = combine([exposure], 0.0001, left_images=left_images)
+    assert frame.image is None
+    assert frame.intensity is not None
+    assert frame.intensity.dtype == np.uint8
+    assert np.array_equal(frame.intensity, scene() + np.uint8(22))
+    # A dark image is no error of a scan: recognition does not depend on it.
+    dark = combine([exposure], 0.0001, left_images=[Picture(np.zeros((40, 64), np.uint8), K, 0.0)])
+    assert dark.intensity is not None
+    assert not dark.intensity.any()
+
+
+@pytest.mark.parametrize(
+    ("pixels", "matrix"),
+    [(scene()[:, :60], K), (scene(), K + np.diag([1.0, 0, 0])), (np.dstack([scene()] * 3), K)],
+)
+def test_left_images_that_do_not_match_the_depth_image_are_left_out(
+    pixels: NDArray[np.uint8], matrix: NDArray[np.float64], caplog: pytest.LogCaptureFixture
+) -> None:
+    left_images = [Picture(scene(), K, 0.0), Picture(pixels, matrix, 0.0)]
+    frame = combine([Exposure(plane(), K, 0.0)] * 2, 0.0001, left_images=left_images)
+    assert frame.intensity is None
+    (message,) = caplog.messages
+    assert "no intensity image: the camera's image" in message
+    assert "does not fit its depth image (64x40" in message
+
+
 def test_a_camera_that_sends_no_pictures_is_reported() -> None:
     def receive(wait_s: float) -> Picture | None:
         time.sleep(wait_s)

@@ -5,7 +5,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import timedelta
@@ -513,12 +513,13 @@ def test_a_frame_has_a_picture_only_on_request(world: SimulatedWorld) -> None:
         oak.open()
         plain = oak.capture(time.monotonic(), 5.0, 10.0)
         assert plain.image is None
-        assert next_message(oak._running().pictures, 0.3) is None
         pictured = oak.capture(time.monotonic(), 5.0, 10.0, with_image=True)
-        # The gate is closed again, so only pictures in transit arrive.
+        assert pictured.intensity is None
+        assert oak.capture(time.monotonic(), 5.0, 10.0).image is None
+        # The gate is closed again, so only pictures in transit arrive, and no others while images are awaited.
         while next_message(oak._running().pictures, 0.3) is not None:
             pass
-        assert oak.capture(time.monotonic(), 5.0, 10.0).image is None
+        oak._running().watch(True)
         assert next_message(oak._running().pictures, 0.3) is None
     assert np.array_equal(pictured.depth, plain.depth)
     assert pictured.image is not None
@@ -529,6 +530,116 @@ def test_a_frame_has_a_picture_only_on_request(world: SimulatedWorld) -> None:
     assert off.std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
     # 16,000 pixels give 0.01 grey levels of spread.
     assert abs(off.mean()) < 0.05
+
+
+def test_a_frame_has_the_intensity_image_of_its_exposures(world: SimulatedWorld) -> None:
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        oak.open()
+        frame = oak.capture(time.monotonic() + 0.1, 5.0, 10.0)
+    assert frame.intensity is not None
+    source = FrameSource(world)
+    truth = np.mean([source.render_intensity(T_base_flange) for _ in range(100)], axis=0)
+    # As for a picture: the noise of five images, plus the rounding of the mean.
+    assert (frame.intensity - truth).std() < np.hypot(2.5 / np.sqrt(5), np.sqrt(1 / 12))
+
+
+class Pairs(dai.node.ThreadedHostNode):
+    """Send depth and left images whose values contain their number."""
+
+    def __init__(self, has_left: Callable[[int], bool], late_s: float = 0.0) -> None:
+        super().__init__()
+        self.images, self.control = self.createOutput(), self.createInput()
+        self.pictures, self.gate = self.createOutput(), self.createInput()
+        self.has_left, self.late_s = has_left, late_s
+
+    def run(self) -> None:
+        number, gate_open = 0, False
+        ramp = np.indices((40, 64)).sum(axis=0)
+        while self.isRunning():
+            try:
+                change = next_message(self.gate, 0.0)
+            except CameraLostError:
+                return
+            gate_open = gate_open if change is None else change.open
+            now_s = time.monotonic()
+            left = picture_message((ramp + number).astype(np.uint8), dai.ImgFrame.Type.RAW8)
+            depth = message((4000 + ramp + number).astype(np.uint16), end_s=now_s)
+            left.setTimestamp(timedelta(seconds=now_s))
+            for image in (left, depth):
+                image.setSequenceNum(number)
+            sends_left = gate_open and self.has_left(number)
+            if sends_left and self.late_s == 0:
+                self.pictures.send(left)
+            self.images.send(depth)
+            if sends_left and self.late_s > 0:
+                time.sleep(self.late_s)
+                self.pictures.send(left)
+            number += 1
+            time.sleep(0.02)
+
+
+@contextmanager
+def pairs(has_left: Callable[[int], bool], late_s: float = 0.0) -> Iterator[Stream]:
+    host_only: Any = dai.Pipeline(False)
+    with host_only as pipeline:
+        node = pipeline.create(Pairs, has_left, late_s)
+        images = node.images.createOutputQueue(maxSize=1000, blocking=True)
+        control, gate = node.control.createInputQueue(), node.gate.createInputQueue()
+        pictures = node.pictures.createOutputQueue(maxSize=5, blocking=False)
+        pipeline.start()
+        yield Stream(pipeline, images, images, [control], lambda: UNNAMED, pipeline.stop, pictures, gate)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03])
+def test_left_images_are_matched_with_the_depth_images_by_their_number(late_s: float) -> None:
+    with pairs(lambda number: True, late_s) as stream:
+        frame = driving(stream).capture(time.monotonic() + 0.2, 5.0, 10.0)
+    # The median of five successive depth images is the third one, and so is the mean of their left images.
+    assert frame.intensity is not None
+    assert np.array_equal(frame.intensity, frame.depth - 4000)
+
+
+def test_exposures_without_a_left_image_do_not_change_the_intensity_image() -> None:
+    with pairs(lambda number: number % 5 == 0) as stream:
+        frame = driving(stream).capture(time.monotonic() + 0.2, 5.0, 10.0)
+    assert frame.intensity is not None
+    # Of five successive exposures, one has an image, which is at most two numbers from the third.
+    ramp = np.indices((40, 64)).sum(axis=0)
+    number = int(frame.intensity[0, 0])
+    assert number % 5 == 0
+    assert np.array_equal(frame.intensity, ramp + number)
+    assert abs(int(frame.depth[0, 0]) - 4000 - number) <= 2
+
+
+def test_a_scan_needs_no_left_images(caplog: pytest.LogCaptureFixture) -> None:
+    with pairs(lambda number: False) as stream:
+        assert driving(stream).capture(time.monotonic(), 5.0, 10.0).intensity is None
+    assert caplog.messages == []
+
+
+def test_left_images_of_another_kind_are_left_out(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(image: dai.ImgFrame) -> None:
+        raise BadFrameError("the camera sent something else")
+
+    monkeypatch.setattr("cell.camera.oak_driver.decode_picture", refuse)
+    with pairs(lambda number: True) as stream:
+        assert driving(stream).capture(time.monotonic(), 5.0, 10.0).intensity is None
+    assert "an intensity image is left out: the camera sent something else" in caplog.messages
+
+
+def test_the_intensity_image_of_a_stereo_camera_is_the_left_image_with_dots() -> None:
+    world = stereo_world("oak-d-pro", (160, 100), 1.0)
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange) as oak:
+        oak.open()
+        frame = oak.capture(time.monotonic(), 5.0, 10.0)
+    assert frame.intensity is not None
+    dotted = FrameSource(world).render_intensity(T_base_flange).astype(float)
+    # The noise of one image is about 2 grey levels. Dots have up to 200.
+    assert np.abs(frame.intensity - dotted).max() < 15
 
 
 def stereo_world(model: CameraName, size: tuple[int, int], ir_dots: float) -> SimulatedWorld:

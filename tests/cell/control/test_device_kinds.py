@@ -90,6 +90,7 @@ def test_a_third_kind_of_camera_scans(monkeypatch: pytest.MonkeyPatch, tmp_path:
     assert recorded.header.depth_unit_m == DEPTH_UNIT_M
     for view, depth in zip(recorded.views, depths, strict=True):
         np.testing.assert_array_equal(view.depth, depth)
+        assert view.intensity is None
 
 
 def test_the_self_test_knows_a_third_kind_of_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

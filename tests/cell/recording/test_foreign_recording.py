@@ -371,3 +371,59 @@ def test_a_result_that_is_not_a_json_object_is_refused(tmp_path: Path, stored: b
     (tmp_path / "f.mcap").write_bytes(stream.getvalue())
     with pytest.raises(RecordingContentError, match=r"/result/model in f\.mcap is"):
         read_result(tmp_path / "f.mcap")
+
+
+def intensity(index: int) -> RawImage:
+    grey = (depth_of(index) >> 8).astype(np.uint8)
+    return RawImage(width=WIDTH, height=HEIGHT, encoding="mono8", step=WIDTH, data=grey.tobytes())
+
+
+def test_a_recording_without_intensity_images_is_read(tmp_path: Path) -> None:
+    (tmp_path / "f.mcap").write_bytes(Foreign().bytes())
+    assert [view.intensity for view in read_recording(tmp_path / "f.mcap").views] == [None, None, None]
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "8UC1"])
+def test_an_intensity_image_with_padding_is_read(tmp_path: Path, encoding: str) -> None:
+    foreign, image = Foreign(), intensity(1)
+    grey = np.frombuffer(image.data, dtype=np.uint8).reshape(HEIGHT, WIDTH)
+    image.step = WIDTH + 3
+    image.encoding = encoding
+    image.data = np.pad(grey, ((0, 0), (0, 3)), constant_values=255).tobytes()
+    foreign.messages.append((1, "/camera/intensity", image))
+    (tmp_path / "f.mcap").write_bytes(foreign.bytes())
+    first, second, _ = read_recording(tmp_path / "f.mcap").views
+    assert first.intensity is None
+    np.testing.assert_array_equal(second.intensity, grey)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"width": 32, "step": 32, "height": 80}, RecordingContentError, r"is uint8 \(80, 32\); uint8 of 64x40"),
+        ({"encoding": "rgb8"}, RecordingContentError, "view 1: the intensity image has encoding 'rgb8'; only mono8"),
+        ({"encoding": "16UC1"}, RecordingContentError, "the intensity image has encoding '16UC1'"),
+        ({"step": 32}, RecordingContentError, "intensity image of 64x40 pixels, 32 bytes a row, is 2560 bytes"),
+        ({"height": 41}, RecordingContentError, "intensity image of 64x41 pixels, 64 bytes a row, is 2560 bytes"),
+        ({"height": 0}, RecordingContentError, "the intensity image is empty"),
+        ({"width": 1 << 20, "height": 1 << 11}, RecordingTooLargeError, "the intensity image announces 1048576x2048"),
+    ],
+)
+def test_an_intensity_image_that_does_not_fit_is_refused(
+    tmp_path: Path, change: dict[str, Any], error: type[RecordingError], message: str
+) -> None:
+    foreign, image = Foreign(), intensity(1)
+    for name, value in change.items():
+        setattr(image, name, value)
+    foreign.messages.append((1, "/camera/intensity", image))
+    (tmp_path / "f.mcap").write_bytes(foreign.bytes())
+    with pytest.raises(error, match=message):
+        read_recording(tmp_path / "f.mcap")
+
+
+def test_two_intensity_images_of_a_view_are_refused(tmp_path: Path) -> None:
+    foreign = Foreign()
+    foreign.messages += [(1, "/camera/intensity", intensity(k)) for k in range(2)]
+    (tmp_path / "f.mcap").write_bytes(foreign.bytes())
+    with pytest.raises(RecordingContentError, match="view 1 is duplicated: it has two messages on /camera/intensity"):
+        read_recording(tmp_path / "f.mcap")

@@ -79,6 +79,7 @@ def make_view(index: int) -> View:
         T_flange_camera=T_FLANGE_CAMERA,
         stamp_s=1781327023.9200273 + 0.1 * index,  # multiplied by 1e9 and rounded to a double, it is another stamp
         colour_jpeg=JPEG if index % 2 else None,
+        intensity=None if index == 1 else rng.integers(0, 256, (40, 64), dtype=np.uint8),
     )
 
 
@@ -100,6 +101,12 @@ def assert_same(got: View, wanted: View) -> None:
     assert got.depth_unit_m == wanted.depth_unit_m
     assert got.stamp_s == wanted.stamp_s
     assert got.colour_jpeg == wanted.colour_jpeg
+    if wanted.intensity is None:
+        assert got.intensity is None
+        return
+    assert got.intensity is not None
+    assert got.intensity.dtype == np.uint8
+    np.testing.assert_array_equal(got.intensity, wanted.intensity)
 
 
 def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -210,8 +217,9 @@ def test_other_readers_open_a_recording(tmp_path: Path) -> None:
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert (summary.statistics.message_count, summary.statistics.chunk_count) == (9, 3)
-        topics = ["/tf", "/camera/calibration", "/camera/depth", "/camera/color", "/result/scene"]
+        assert (summary.statistics.message_count, summary.statistics.chunk_count) == (10, 3)
+        images = ["/camera/depth", "/camera/intensity", "/camera/color"]
+        topics = ["/tf", "/camera/calibration", *images, "/result/scene"]
         decoded = {
             channel.topic: (message.sequence, content)
             for _, channel, message, content in reader.iter_decoded_messages(topics)
@@ -220,6 +228,9 @@ def test_other_readers_open_a_recording(tmp_path: Path) -> None:
         sequence, depth = decoded["/camera/depth"]
         assert (sequence, depth.encoding, depth.width, depth.height, depth.step) == (1, "16UC1", 64, 40, 128)
         assert depth.data == make_view(1).depth.astype("<u2").tobytes()
+        sequence, intensity = decoded["/camera/intensity"]  # view 1 has none
+        assert (sequence, intensity.encoding, intensity.step) == (0, "mono8", 64)
+        assert (intensity.width, intensity.height) == (64, 40)
         line = decoded["/result/scene"][1].entities[0].lines[0]
         assert [(point.x, point.z) for point in line.points] == [(0, 0.004), (0.004, 0.004), (0.008, 0.01)]
         assert line.thickness == 0.008
@@ -305,13 +316,14 @@ def test_an_invalid_view_is_not_written(
 
 
 def test_a_recording_accepts_no_more_views_than_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    two_views = 2 * make_view(0).depth.nbytes + MIB + 2000
+    views = [replace(make_view(index), intensity=None) for index in range(3)]
+    two_views = 2 * views[0].depth.nbytes + MIB + 2000
     monkeypatch.setattr("cell.recording.writer.DEFAULT_LIMITS", Limits(content_bytes=two_views))
     with RecordingWriter(tmp_path / "scan.mcap", HEADER) as writer:
-        writer.write_view(make_view(0))
-        writer.write_view(make_view(1))
+        writer.write_view(views[0])
+        writer.write_view(views[1])
         with pytest.raises(RecordingTooLargeError, match="view 2: the recording is full"):
-            writer.write_view(make_view(2))
+            writer.write_view(views[2])
     assert len(read_recording(tmp_path / "scan.mcap", Limits(content_bytes=two_views)).views) == 2
 
 

@@ -37,6 +37,7 @@ def make_view(index: int) -> View:
         T_flange_camera=T_FLANGE_CAMERA,
         stamp_s=1.79e9 + 0.1 * index,
         colour_jpeg=JPEG,
+        intensity=np.random.default_rng([index, 1]).integers(0, 256, (40, 64), dtype=np.uint8),
     )
 
 
@@ -58,6 +59,8 @@ def test_a_single_view_equals_that_of_the_whole_recording(written: Path) -> None
         assert found is not None
         got, header = found
         np.testing.assert_array_equal(got.depth, view.depth)
+        assert view.intensity is not None
+        np.testing.assert_array_equal(got.intensity, view.intensity)
         np.testing.assert_array_equal(got.T_base_flange, view.T_base_flange)
         assert got.stamp_s == view.stamp_s
         assert header.table_z_m == -0.01

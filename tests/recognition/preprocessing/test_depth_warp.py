@@ -14,6 +14,7 @@ from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
 from recognition.preprocessing.depth_warp import (
     MIN_VIEWS,
+    TERMS,
     DepthWarp,
     TableSample,
     correct,
@@ -104,6 +105,12 @@ def test_a_corrected_image_has_the_depth_without_the_error(scan: SimulatedScan) 
     assert np.abs(error_m[view.depth > 0]).max() < 1.1 * view.depth_unit_m
     empty = correct(replace(view, depth=np.zeros_like(view.depth)), warp)
     assert not empty.depth.any()
+
+
+def test_a_corrected_image_keeps_its_intensity_image(scan: SimulatedScan) -> None:
+    warp = DepthWarp(np.zeros(len(TERMS)), 0.0)
+    for intensity in (None, np.ones(scan.views[0].depth.shape, dtype=np.uint8)):
+        assert correct(replace(scan.views[0], intensity=intensity), warp).intensity is intensity
 
 
 def test_patterns_that_differ_from_view_to_view_are_not_a_warp(scan: SimulatedScan) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
 from recognition.preprocessing.pixel_locking import (
+    HARMONICS,
     LockingSample,
     PixelLocking,
     correct_locking,
@@ -176,6 +177,13 @@ def test_pixels_without_depth_stay_without_depth() -> None:
     empty = correct_locking(replace(views[0], depth=np.zeros_like(depth)), locking)
     assert not empty.depth.any()
     assert empty.depth.shape == SHAPE
+
+
+def test_a_corrected_image_keeps_its_intensity_image() -> None:
+    view = view_of(0, disparity(pose(0.0, 0.0)))
+    intensity = np.ones(view.depth.shape, dtype=np.uint8)
+    locking = PixelLocking(0.02, np.zeros(2 * len(HARMONICS)))
+    assert correct_locking(replace(view, intensity=intensity), locking).intensity is intensity
 
 
 def test_coarse_depth_stays() -> None:

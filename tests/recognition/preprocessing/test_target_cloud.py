@@ -10,7 +10,8 @@ from calibration.geometry.transforms import from_rotation_vector, inverse, trans
 from cell.devices import View
 from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.target_cloud import Scene, deproject, preprocess
+from recognition.preprocessing.depth_warp import CorrectedView
+from recognition.preprocessing.target_cloud import Scene, deproject, intensity_of, preprocess
 
 EXACT = {"rtol": 0, "atol": 1e-14}
 """A few roundings of doubles below a metre."""
@@ -221,3 +222,12 @@ def test_noise_gives_as_many_points_below_the_table_as_above(table_1: ChainParam
     assert target.n_below == pytest.approx(len(target.points), rel=0.3)
     # A string radius of 4.2 mm allows a scatter of 1 mm.
     assert preprocess(noisy_table(0.0005), table_1, Scene(0.0, workspace)).n_below == 0
+
+
+def test_a_view_needs_no_intensity_image() -> None:
+    depth = pixels({(20, 80): 5000})
+    intensity = np.ones(depth.shape, dtype=np.uint8)
+    assert intensity_of(view_of(depth)) is None
+    assert intensity_of(replace(view_of(depth), intensity=intensity)) is intensity
+    # Any object with the attributes of the protocol is a view.
+    assert intensity_of(CorrectedView(7, depth.astype(np.uint16), 1e-4, K, T_BASE_CAMERA)) is None

@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from cell.planning.look_at import look_at, two_rings
 from recognition.errors import TableElsewhereError
+from recognition.preprocessing.depth_warp import CorrectedView
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.registration.measured_table import (
     MAX_SIGMA,
     MeasuredTable,
+    MovedView,
     is_near,
     locate_table,
     refuse_doubtful_table,
@@ -171,6 +173,14 @@ def test_two_planes_that_may_be_the_table_are_refused() -> None:
     refuse_doubtful_table(table, planes)
     with pytest.raises(TableElsewhereError, match=r"6\.0 mm higher than given .* it is not known which is the table"):
         refuse_doubtful_table(table, [replace(plane, has_rival=True) for plane in planes])
+
+
+def test_a_moved_view_keeps_its_images() -> None:
+    depth = np.ones((4, 6), dtype=np.uint16)
+    intensity = np.ones((4, 6), dtype=np.uint8)
+    view = MovedView(CorrectedView(3, depth, 1e-4, np.eye(3), np.eye(4), intensity), table_at(0.1, 2.0))
+    assert view.depth is depth
+    assert view.intensity is intensity
 
 
 def test_planes_are_compared_where_the_views_show_the_table() -> None:

@@ -502,3 +502,59 @@ def test_nothing_is_overwritten_and_a_folder_is_needed(
     assert "it holds the folders in: name the one with the images" in capsys.readouterr().err
     assert main(["import", "frames", str(folder), str(tmp_path / "no" / "new.mcap")]) == 1
     assert "cannot be written: No such file or directory" in capsys.readouterr().err
+
+
+def write_intensities(folder: Path, recording: Recording) -> Path:
+    folder.mkdir()
+    for view in recording.views:
+        assert view.intensity is not None
+        assert cv2.imwrite(str(folder / f"{view.index + 8}.png"), view.intensity)
+    return folder
+
+
+def test_intensity_images_are_imported(recording: Recording, tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "in", recording)
+    # A subfolder of the depth images is ignored unless it is named.
+    left = write_intensities(folder / "left", recording)
+    for name, options_ in (("without.mcap", []), ("with.mcap", [f"--intensity={left}"])):
+        given = [*options(recording), *options_]
+        assert main(["import", "frames", str(folder), str(tmp_path / name), *given]) == 0
+    assert all(view.intensity is None for view in read_recording(tmp_path / "without.mcap").views)
+    for got, wanted in zip(read_recording(tmp_path / "with.mcap").views, recording.views, strict=True):
+        assert wanted.intensity is not None
+        np.testing.assert_array_equal(got.intensity, wanted.intensity)
+    assert document(tmp_path / "with.mcap") == document(tmp_path / "without.mcap")
+
+
+def enlarge(left: Path) -> None:
+    assert cv2.imwrite(str(left / "9.png"), np.zeros((200, 640), np.uint8))
+
+
+def colour(left: Path) -> None:
+    assert cv2.imwrite(str(left / "9.png"), np.zeros((200, 320, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (shutil.rmtree, r"left is not a folder: name the folder that holds the intensity images"),
+        (lambda left: (left / "9.png").unlink(), r"9\.png is missing: each depth image needs an intensity image"),
+        (enlarge, r"9\.png has 640x200 pixels, the depth images have 320x200: intensity images must be aligned"),
+        (colour, r"9\.png has pixels of the kind RGB: save it as an 8-bit grey PNG"),
+        (lambda left: (left / "9.png").write_bytes(b"GIF89a"), r"9\.png is not a PNG image"),
+        (
+            lambda left: (left / "9.png").write_bytes((left / "9.png").read_bytes()[:-2000]),
+            r"9\.png is damaged or cut off",
+        ),
+    ],
+)
+def test_intensity_images_that_cannot_be_used_are_refused(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Change, message: str
+) -> None:
+    folder = write_folder(tmp_path / "in", recording)
+    left = write_intensities(tmp_path / "left", recording)
+    change(left)
+    out = tmp_path / "out.mcap"
+    assert main(["import", "frames", str(folder), str(out), f"--intensity={left}", *options(recording)]) == 1
+    assert re.search(message, capsys.readouterr().err)
+    assert not out.exists()

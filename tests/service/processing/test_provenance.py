@@ -45,6 +45,7 @@ def test_a_simulated_recording(scan: SimulatedScan, tmp_path: Path) -> None:
         recording_sha256="ab" * 32,
         calibration_sha256=None,
         simulated=True,
+        intensity_views=4,
     )
     assert PointChainModel.from_json(model.to_json()).provenance == model.provenance
 
@@ -52,7 +53,29 @@ def test_a_simulated_recording(scan: SimulatedScan, tmp_path: Path) -> None:
 def test_a_recording_that_does_not_say_where_it_comes_from(scan: SimulatedScan, tmp_path: Path) -> None:
     """Imported views without a time have the stamps 0 s, 1 s, ..."""
     path = written(scan, tmp_path / "imported.mcap", 0.0, simulated=None)
-    assert recognise_recording(path).model.provenance == Provenance(release=version("pointchain"))
+    provenance = recognise_recording(path).model.provenance
+    assert provenance == Provenance(release=version("pointchain"), intensity_views=4)
+
+
+def test_views_without_an_intensity_image_give_the_same_model(scan: SimulatedScan, tmp_path: Path) -> None:
+    views = [replace(view, intensity=None) if view.index else view for view in scan.views]
+    without = recognise_recording(written(replace(scan, views=tuple(views)), tmp_path / "without.mcap")).model
+    given = recognise_recording(written(scan, tmp_path / "with.mcap")).model
+    assert without.provenance is not None
+    assert without.provenance.intensity_views == 1
+    documents = [model.to_json() for model in (without, given)]
+    for document in documents:
+        del document["provenance"], document["timing_s"]
+    assert documents[0] == documents[1]
+
+
+def test_models_of_earlier_releases_do_not_count_intensity_images(scan: SimulatedScan, tmp_path: Path) -> None:
+    document = recognise_recording(written(scan, tmp_path / "arc.mcap")).model.to_json()
+    del document["provenance"]["intensity_views"]
+    provenance = PointChainModel.from_json(document).provenance
+    assert provenance is not None
+    assert provenance.intensity_views is None
+    assert "intensity_views" not in PointChainModel.from_json(document).to_json()["provenance"]
 
 
 def test_the_calibration_of_the_recording_is_named(scan: SimulatedScan, tmp_path: Path) -> None:

@@ -349,6 +349,8 @@ class Provenance:
     """SHA-256 of the hand-eye calibration."""
     simulated: bool | None
     """Whether the arm or the camera was simulated."""
+    intensity_views: int | None = None
+    """Number of views that have an intensity image, or None in models of earlier releases."""
 
 
 @dataclass(frozen=True, eq=False)

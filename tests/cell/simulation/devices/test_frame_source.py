@@ -195,6 +195,28 @@ def test_exposures_of_a_stereo_camera_share_the_rendered_pair(monkeypatch: pytes
     assert np.array_equal(again.render_depth(here), first)
 
 
+def test_both_images_of_a_stereo_camera_are_of_one_exposure() -> None:
+    world = stereo_world()
+    here = flange_looking_at(world, 0.4)
+    source = FrameSource(world)
+    both = source.render_both(here)
+    assert both.intensity is not None
+    # The depth is that of the same exposure without its intensity image.
+    assert np.array_equal(FrameSource(world).render_depth(here), both.depth)
+    # A second image differs by the noise of two exposures.
+    off = source.render_intensity(here).astype(float) - both.intensity
+    assert 1.5 < off.std() / np.sqrt(2) < 2.5
+    assert abs(off.mean()) < 0.1
+
+
+def test_the_other_cameras_render_both_images_apart() -> None:
+    world = small_world(model="ideal")
+    here = flange_looking_at(world, 0.4)
+    both = FrameSource(world).render_both(here)
+    assert np.array_equal(both.depth, FrameSource(world).render_depth(here))
+    np.testing.assert_array_equal(both.intensity, FrameSource(world).render_intensity(here))
+
+
 def test_dots_are_switched_for_new_images() -> None:
     world = stereo_world(table_top="bare", ir_dots=1.0)
     T_base_flange = flange_looking_at(world)

@@ -145,6 +145,23 @@ def test_exposures_share_the_pair_and_differ_by_their_noise() -> None:
     assert 0.005 < np.median(disparities.std(axis=0)) < 0.1
 
 
+def test_the_intensity_image_is_the_mean_of_the_left_images() -> None:
+    cam = camera("speckled", "printed")
+    still = pair(cam)
+    images = cam.capture_images(POSE, np.random.default_rng(1))
+    assert images.intensity is not None
+    # The noise of five images is at most 1.1 grey levels, and rounding 0.3.
+    off = images.intensity - still.left.clip(0, 255)
+    assert 0.5 < off.std() < 1.2
+    assert abs(off.mean()) < 0.05
+    assert np.array_equal(images.depth, cam.capture(POSE, np.random.default_rng(1)))
+
+
+def test_a_noise_model_has_no_left_image() -> None:
+    cam = DepthCamera(camera_model("ideal", (160, 100)), SCENE)
+    assert cam.capture_images(POSE, np.random.default_rng(1)).intensity is None
+
+
 def test_options_of_images_are_rejected_for_other_cameras() -> None:
     content = ImageContent(RenderingOptions(sheath="woven"))
     with pytest.raises(RenderingOptionsError, match="sheath cannot be set for ideal"):

@@ -10,10 +10,12 @@ from types import SimpleNamespace
 import httpx2
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-from cell.recording import RecordingHeader, RecordingWriter
+from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from service.api.dependencies import Context
 from service.api.routes.recordings import MAX_UPLOADS
+from tests.cell.recording.test_foreign_recording import Foreign
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
 from tests.service.security.conftest import without_recognition
 
@@ -35,6 +37,26 @@ def test_an_uploaded_recording_is_returned_unchanged(client: httpx2.Client, reco
     assert download.content == content
     assert found["id"] in download.headers["content-disposition"]
     assert client.get("/api/recordings").json()["recordings"][0] == found
+
+
+def test_an_uploaded_recording_keeps_its_intensity_images(
+    client: httpx2.Client, recording_file: Path, tmp_path: Path
+) -> None:
+    found = client.post("/api/recordings", content=recording_file.read_bytes()).json()
+    (tmp_path / "download.mcap").write_bytes(client.get(found["links"]["file"]).content)
+    views = read_recording(tmp_path / "download.mcap").views
+    assert [view.intensity is not None for view in views] == [True] * 4
+
+
+def test_an_upload_whose_intensity_image_does_not_fit_is_refused(
+    client: httpx2.Client, assert_problem: AssertProblem
+) -> None:
+    foreign = Foreign()
+    image = RawImage(width=32, height=40, encoding="mono8", step=32, data=bytes(32 * 40))
+    foreign.messages.append((1, "/camera/intensity", image))
+    answer = client.post("/api/recordings", content=foreign.bytes())
+    message = assert_problem(answer, 422, "recording-content")
+    assert "view 1: the intensity image is uint8 (40, 32); uint8 of 64x40 pixels is needed" in message
 
 
 @pytest.mark.parametrize(
