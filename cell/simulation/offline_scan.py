@@ -10,24 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.camera.frame_averaging import mean_image
 from cell.config.rendering_options import RenderingOptions
 from cell.devices import View
 from cell.planning.look_at import Bearing
 from cell.recording import RecordingExistsError, RecordingHeader, RecordingWriter
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed, reported_flange_poses, viewpoints
 from cell.simulation.rendering.depth_camera import (
-    EXPOSURES,
-    CameraImages,
     CameraModel,
     DepthCamera,
     ImageContent,
     draw_bias_px,
     image_provenance,
 )
-from cell.simulation.rendering.image_renderer import develop
-from cell.simulation.rendering.intensity_image import PictureCamera, lighting
-from cell.simulation.rendering.lighting import LIGHT_STREAM
 from cell.simulation.scenes.clutter import footprint
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene
@@ -42,7 +36,7 @@ _FIRST_STAMP_S = 1_767_225_600.0
 _VIEW_TIME_S = 3.0
 
 # streams of one seed, so that draws for different purposes are independent
-_SESSION, _POSES, _VIEW, _INTENSITY = range(4)
+_SESSION, _POSES, _VIEW = range(3)
 
 
 class ViewCountError(ValueError):
@@ -123,7 +117,9 @@ def simulate(
         simulated=True,
         provenance=_provenance(scene, camera, rendering, seed),
     )
-    images = _capture(depth_camera, T_table_camera, seed)
+    images = [
+        depth_camera.capture_images(T, np.random.default_rng([seed, _VIEW, k])) for k, T in enumerate(T_table_camera)
+    ]
     taken = tuple(
         View(
             index=k,
@@ -138,21 +134,6 @@ def simulate(
         for k in range(views)
     )
     return SimulatedScan(taken, header, scene_truth(scene, T_base_camera, T_flange_camera, T_base_table))
-
-
-def _capture(camera: DepthCamera, T_table_camera: Sequence[NDArray[np.float64]], seed: int) -> list[CameraImages]:
-    """Return the images of all views. A camera without rendered images gets intensity images of its own."""
-    captured = [camera.capture_images(T, np.random.default_rng([seed, _VIEW, k])) for k, T in enumerate(T_table_camera)]
-    if camera.model.stereo is not None:
-        return captured
-    picture_camera = PictureCamera(camera, lighting(np.random.default_rng([seed, LIGHT_STREAM])))
-    with_intensity = []
-    for k, T in enumerate(T_table_camera):
-        rng = np.random.default_rng([seed, _INTENSITY, k])
-        still = picture_camera.still(T)
-        intensity = mean_image([develop(still, rng) for _ in range(EXPOSURES)])
-        with_intensity.append(CameraImages(captured[k].depth, intensity))
-    return with_intensity
 
 
 def _provenance(scene: StringScene, camera: CameraModel, rendering: RenderingOptions, seed: int) -> dict[str, str]:

@@ -3,14 +3,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_dilation, binary_erosion
 
 from calibration.geometry.transforms import from_rotation_vector, transform_points
 from cell.config.rendering_options import RenderingOptions, RenderingOptionsError
 from cell.recording import RecordingExistsError, read_recording
 from cell.simulation.offline_scan import SimulatedScan, ViewCountError, simulate, truth_path, write_simulation
 from cell.simulation.pose_errors import NO_ERRORS
-from cell.simulation.rendering.depth_camera import DepthCamera, camera_model
+from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.ground_truth import scene_truth, true_crossings
 from cell.simulation.scenes.scenes import StringScene, make_scene
 from recognition.pipeline import recognise
@@ -37,10 +36,7 @@ def test_the_same_seed_gives_the_same_scan(scene: StringScene, scan: SimulatedSc
         assert np.array_equal(a.depth, b.depth)
         assert np.array_equal(a.T_base_flange, b.T_base_flange)
         assert not np.array_equal(a.depth, c.depth)
-        assert a.intensity is not None
-        np.testing.assert_array_equal(b.intensity, a.intensity)
-        assert c.intensity is not None
-        assert not np.array_equal(a.intensity, c.intensity)
+        assert a.intensity is None
         assert not np.array_equal(a.T_base_flange, c.T_base_flange)
     assert again.truth == scan.truth
 
@@ -75,21 +71,6 @@ def test_a_stereo_scan_is_repeatable_and_says_what_its_images_show(scene: String
         simulate(scene, CAMERA, seed=5, views=1, rendering=RenderingOptions(ir_dots=0.5))
 
 
-@pytest.mark.parametrize("model", ["exact", "ideal"])
-def test_the_intensity_image_shows_the_string_at_the_pixels_of_the_depth(scene: StringScene, model: str) -> None:
-    camera = camera_model(model, (320, 200))
-    drawn = simulate(scene, camera, seed=5, errors=NO_ERRORS, views=2)
-    for view in drawn.views:
-        assert view.intensity is not None
-        _, string = DepthCamera(camera, scene).render(view.T_base_camera)
-        # A lens blurs the borders, and strings reflect less than a third of the light that the table reflects.
-        inside = np.asarray(binary_erosion(string >= 0), dtype=np.bool_)
-        outside = np.logical_not(binary_dilation(string >= 0, iterations=3))
-        assert inside.sum() > 100
-        assert np.median(view.intensity[inside]) < 0.6 * np.median(view.intensity[outside])
-        assert np.quantile(view.intensity[inside], 0.9) < np.quantile(view.intensity[outside], 0.1)
-
-
 @pytest.mark.parametrize("views", [0, -1, 65])
 def test_impossible_numbers_of_views_are_rejected(scene: StringScene, views: int) -> None:
     with pytest.raises(ViewCountError, match="from 1 to 64"):
@@ -111,7 +92,8 @@ def test_a_single_view_shows_its_workspace() -> None:
     assert "table-not-covered" not in {found.code for found in model.quality.findings}
 
 
-def test_the_written_scan_is_read_back(scan: SimulatedScan, tmp_path: Path) -> None:
+def test_the_written_scan_is_read_back(scene: StringScene, tmp_path: Path) -> None:
+    scan = simulate(scene, camera_model("oak-d-pro", (96, 60)), seed=5, views=2)
     path = tmp_path / "scan.mcap"
     assert write_simulation(scan, path) == tmp_path / "scan.truth.json"
     recording = read_recording(path)
