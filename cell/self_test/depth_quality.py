@@ -70,7 +70,7 @@ def quality_found(measured: DepthProfile, expected: Sequence[DepthProfile], fart
 def _warning(one: Compared) -> str:
     """Return what is wrong with a quantity and, after a colon, what to do."""
     quantity = one.quantity
-    return f"{quantity.name} is above {_shown(quantity.field, one.limit)}: {quantity.advice}"
+    return f"{quantity.name} above {_shown(quantity.field, one.limit)}: {quantity.advice}"
 
 
 def _seen(burst: Burst, K: NDArray[np.float64], pose: TablePose) -> SeenTable:

@@ -19,8 +19,10 @@ from cell.simulation.profiling.table_view import TableStills, TableViewing, stil
 from cell.simulation.rendering.depth_camera import CAMERAS, CameraModel
 from cell.simulation.rendering.stereo_camera import StereoPair, slow_field
 
-BLOCKS_PX = (3, 5, 7, 9, 11)
-"""Sides of the matching window that are compared."""
+BLOCKS_PX = 3, 25
+"""Smallest and largest side of the matching window that is tried."""
+MAX_MISSES = 2
+"""Number of windows in a row that are no better, after which no larger or smaller one is tried."""
 FIRST_BLOCK_PX = 5
 """Side of the matching window with which the table tops are compared first."""
 WORTH_FACTOR = 6.0
@@ -44,6 +46,8 @@ NOISE_FACTORS = 0.2, 8.0
 """Smallest and largest noise of the image sensors."""
 NOISE_STEPS = 2
 """Number of steps in which the noise of the image sensors is found."""
+SAME_SHARE = 0.05
+"""Largest relative difference of the products of focal length and baseline with which the search range is the same."""
 WARP_DRAWS = 20
 """Number of random warps from which the visible share of a warp is computed."""
 UNLIKE = 1.5
@@ -153,7 +157,9 @@ def _start(base: StereoName, measured: DepthProfile, poses: Sequence[PoseImages]
         baseline_m = measured.focal_baseline_px_m / measured.focal_px
     focal_baseline = measured.focal_px * baseline_m
     warp_px = measured.warp_m * focal_baseline / measured.distance_m**2
-    steps = math.ceil(focal_baseline / model.near_m / DISPARITY_STEP)
+    disparities = pair.disparities
+    if abs(focal_baseline / (model.focal_px * pair.baseline_m) - 1) > SAME_SHARE:
+        disparities = DISPARITY_STEP * max(math.ceil(focal_baseline / model.near_m / DISPARITY_STEP), 1)
     size = (measured.height, measured.width)
     return replace(
         model,
@@ -164,7 +170,7 @@ def _start(base: StereoName, measured: DepthProfile, poses: Sequence[PoseImages]
         stereo=replace(
             pair,
             baseline_m=baseline_m,
-            disparities=max(steps, 1) * DISPARITY_STEP,
+            disparities=disparities,
             warp_px=warp_px / visible_warp_share(size),
         ),
     )
@@ -210,12 +216,18 @@ def _best_candidate(start: CameraModel, measurement: Measurement, options: FitOp
 def _best_of_top(first: _Candidate, measured: DepthProfile) -> _Candidate:
     """Return the most similar camera with the table top of a first one."""
     best = first
-    for block_px in BLOCKS_PX:
-        if block_px == FIRST_BLOCK_PX:
-            continue
-        candidate = _candidate(_with_block(first.stills, block_px), measured)
-        if candidate is not None and candidate.score < best.score:
-            best = candidate
+    if measured.locking_m == 0:  # nothing shows the window
+        return _with_noise(best, measured)
+    smallest, largest = BLOCKS_PX
+    for windows in (range(FIRST_BLOCK_PX + 2, largest + 1, 2), range(FIRST_BLOCK_PX - 2, smallest - 1, -2)):
+        misses = 0
+        for block_px in windows:
+            candidate = _candidate(_with_block(first.stills, block_px), measured)
+            is_better = candidate is not None and candidate.score < best.score
+            best = candidate if candidate is not None and is_better else best
+            misses = 0 if is_better else misses + 1
+            if misses == MAX_MISSES:
+                break
     return _with_noise(best, measured)
 
 
@@ -321,7 +333,7 @@ def _notes(base: StereoName, simulated: DepthProfile, measured: DepthProfile) ->
     """Return messages about what was not measured or is not reproduced."""
     notes = [f"{name} is that of {base}: {reason}" for name, reason in FIXED.items()]
     if measured.locking_m == 0:
-        notes.append(f"baseline_m is that of {base}: the table shows no pixel locking; its window is uncertain, too")
+        notes.append(f"baseline_m and block_px are those of {base}: the table shows no pixel locking")
     if measured.temporal_m is None:
         notes.append(
             f"noise_factor is that of {base}: there is one image per pose; it needs several images of one pose"

@@ -78,10 +78,10 @@ def report(preset: CameraPreset) -> str:
     simulated = from_document(preset.reproduced)
     lines = [
         f"table of {measured.poses} poses, {measured.distance_m:.2f} m away, {measured.table_pixels} pixels",
-        f"{'':<26}{'measured':<24}simulated",
+        f"{'':<22}{'measured':<28}simulated",
     ]
     for text, name in _ROWS.items():
-        lines.append(f"{text:<26}{_shown(measured, name):<24}{_shown(simulated, name)}")
+        lines.append(f"{text:<22}{_shown(measured, name):<28}{_shown(simulated, name)}")
     for name, source in preset.sources.items():
         lines.append(f"{name} = {_parameter(preset, name)} ({source})")
     return "\n".join([*lines, *preset.notes])
