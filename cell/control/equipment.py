@@ -95,8 +95,13 @@ class Equipment:
 
         Args:
             seen: Table in front of the camera.
+
+        Returns:
+            The profiles. There are none if no simulated camera is of this kind, or if it sees no table from there.
         """
         kind = CAMERA_KINDS[type(self.settings.camera)]
+        if kind.model is None:
+            return []
         return expected_profiles(kind.model(self.settings.camera, self, seen), seen)
 
     def lay_board(self, board: Board | None) -> None:
@@ -197,8 +202,9 @@ class CameraKind:
     """Returns what makes the driver, from the camera's settings and the equipment. It is called at each connection."""
     open_timeout_s: float
     """Timeout of the driver's start and of opening the camera."""
-    model: Callable[[Any, Equipment, SeenTable], CameraModel]
-    """Returns the simulated camera of the same kind, from the camera's settings, the equipment and its images."""
+    model: Callable[[Any, Equipment, SeenTable], CameraModel] | None = None
+    """Returns the simulated camera of the same kind, from the camera's settings, the equipment and its images. None
+    means that there is no such camera, so that the self-test does not compare the depth."""
 
 
 def _model_of_world(camera: SimulatedCamera, equipment: Equipment, _: SeenTable) -> CameraModel:

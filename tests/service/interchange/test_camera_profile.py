@@ -10,8 +10,8 @@ from cell.recording import RecordingHeader, RecordingWriter, read_recording
 from cell.simulation.offline_scan import simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
-from service.cli.commands.camera_profile import has_single_exposures, pose_images
 from service.cli.main import main
+from service.interchange.camera_profile import has_single_exposures, pose_images
 
 pytestmark = pytest.mark.slow
 
