@@ -56,7 +56,7 @@ def point_uncertainty(
     views = np.where(strand.bridged, 0, _count_views(strand, registration.clouds))
     variance = _pose_variance(strand.points, registration) + fit_variance(strand, scatter_m)
     variance += _depth_variance(strand, registration, views, scatter_m)
-    variance += strand.height_ripple_m**2
+    variance += strand.height_sigma_m**2
     return np.maximum(np.sqrt(variance), MIN_SIGMA_M), views
 
 

@@ -13,6 +13,8 @@ from recognition.preprocessing.height_map import HeightMap
 
 MIN_RAISED_M = 0.0012
 """Minimum height of an object under a string above the table, metres. The mean of many cells has less noise."""
+MIN_RAISED_SCATTERS = 2.0
+"""The same height in standard deviations of patches of the table, if that is more."""
 RAISED_PERCENTILE = 10
 """Percentile of the heights beside a string. The object must lie under the string along nearly all its length."""
 EDGE_M = 0.002
@@ -42,6 +44,8 @@ class SupportSurface:
     """Compression of heights by matching windows that was restored; 1 if there was none."""
     is_matched: bool = False
     """Whether the depth has pixel locking, which shows that it was matched in windows."""
+    scatter_m: float = 0.0
+    """Standard deviation of patches of the table, as wide as a string, metres; 0 if unknown."""
 
     def height_under(self, line: NDArray[np.float64], radius_m: float) -> float:
         """Return the height of the surface that a string rests on.
@@ -61,7 +65,7 @@ class SupportSurface:
         if not np.isfinite(beside).any():
             return self.table_z_m
         height = float(np.nanpercentile(beside, RAISED_PERCENTILE))
-        if height > self.table_z_m + MIN_RAISED_M:
+        if height > self.table_z_m + max(MIN_RAISED_M, MIN_RAISED_SCATTERS * self.scatter_m):
             return height
         return self.table_z_m
 

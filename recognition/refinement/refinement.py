@@ -36,6 +36,8 @@ LAST_FIT_STEPS = (2,)
 """Number of Gauss-Newton steps in each group of the last fit. The last step moves a line by micrometres only."""
 MIN_LOST_RADII = 0.03
 """Minimum height that resting strings lost by which windows have visibly changed their profiles, in radii r."""
+EXCESS_SIGMA_SHARE = 0.5
+"""Standard deviation of the excess height of resting strings that was removed, as a share of it."""
 REST_STEPS = 2
 """Number of Gauss-Newton steps with the heights of resting strings."""
 RADIUS_SIGMA_SHARE = 0.3
@@ -89,8 +91,8 @@ class FittedStrand:
     """Share of a square bar's profile in the strand's profile: 0 for a tube, 1 for a bar with sharp edges."""
     squareness_sigma: float
     """Standard error of the squareness; infinite if the squareness cannot be measured."""
-    height_ripple_m: float = 0.0
-    """Standard deviation of the measured heights where strings of the scene rest, metres; 0 if too few of them rest."""
+    height_sigma_m: float = 0.0
+    """Standard deviation of the heights of resting strings in the scene, metres; 0 if too few of them rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +167,8 @@ def refine(
         if radius_is_given:
             radii = _select_radii(measured_radii, scatter_m, r)
         lines = _lines_of_radii(first_fit, radii)
-        lost_m = find_resting_heights(lines, radii, _floors(lines, radii, support), r).lost_m
+        floors = _floors(lines, radii, support)
+        lost_m = find_resting_heights(lines, radii, floors, r, support.scatter_m).lost_m
         raised = _raise(measured, support.table_z_m, 2 * r, lost_m)
         lines = [
             _raise_line(line, radius, support.table_z_m, lost_m) for line, radius in zip(lines, radii, strict=True)
@@ -190,8 +193,9 @@ def refine(
     cross_sections = measure_cross_sections(last_fit, assigned, of_any_circle=is_compressed)
     # support and residuals stay those of the surface alone
     ripple_m = _pull_to_rest(last_fit, assigned, support)
+    height_sigma_m = float(np.hypot(ripple_m, EXCESS_SIGMA_SHARE * min(lost_m, 0.0)))
     fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
-    fitted = [replace(strand, height_ripple_m=ripple_m) for strand in fitted]
+    fitted = [replace(strand, height_sigma_m=height_sigma_m) for strand in fitted]
     return Refinement(fitted, last_fit.lines_of_points(assigned), assigned.sigma)
 
 

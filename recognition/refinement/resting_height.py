@@ -35,6 +35,11 @@ RIPPLE_MARGIN_RADII = 0.05
 """Additional distance, in radii r."""
 MIN_RIPPLE_RADII = 0.01
 """Minimum standard deviation of the heights, in radii r."""
+MAX_EXCESS_SCATTERS = 2.0
+"""Maximum height that resting strings are measured too high, in standard deviations of patches of the table.
+
+Noise and warp of the table explain so much. A string that is higher lies on something.
+"""
 N_PASSES = 3
 """Number of passes in which level and standard deviation are measured."""
 
@@ -48,13 +53,17 @@ class RestingHeights:
     stiffness: NDArray[np.float64]
     """(N,) weight of this height, relative to the weight of the surface beside the point; 0 far from this height."""
     lost_m: float = 0.0
-    """Distance by which resting strings are measured too low, metres; 0 if they are not."""
+    """Distance by which resting strings are measured too low, metres. It is negative if they are measured too high."""
     ripple_m: float = 0.0
     """Standard deviation of the measured heights where strings rest, metres; 0 if too few points rest."""
 
 
 def find_resting_heights(
-    lines: Sequence[Points], radii: NDArray[np.float64], floors: NDArray[np.float64], r: float
+    lines: Sequence[Points],
+    radii: NDArray[np.float64],
+    floors: NDArray[np.float64],
+    r: float,
+    table_scatter_m: float = 0.0,
 ) -> RestingHeights:
     """Find where strings rest, and how far their measured heights are from where resting strings are.
 
@@ -63,6 +72,7 @@ def find_resting_heights(
         radii: (K,) radius of each string, metres.
         floors: (K,) height of what each string rests on, metres, base frame.
         r: Expected radius, metres.
+        table_scatter_m: Standard deviation of patches of the table, metres. It limits how much strings are lowered.
 
     Returns:
         The heights. If too few points rest, no point has a stiffness, and nothing is lost.
@@ -84,8 +94,8 @@ def find_resting_heights(
     distance = (level - middle) / (MAX_RIPPLES * ripple + RIPPLE_MARGIN_RADII)
     tukey = np.maximum(1 - distance**2, 0.0) ** 2
     stiffness = tukey * (ripple / RESTING_SIGMA_RADII) ** 2
-    # matching windows lower strings, and never raise them
-    return RestingHeights(height_m, stiffness, lost_m=max(-middle * r, 0.0), ripple_m=ripple * r)
+    lost_m = max(-middle * r, -MAX_EXCESS_SCATTERS * table_scatter_m)
+    return RestingHeights(height_m, stiffness, lost_m, ripple_m=ripple * r)
 
 
 def add_lost_height(z_m: NDArray[np.float64], floor_m: float, top_m: float, lost_m: float) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from recognition.geometry.polyline import arc_length, close_polyline, points_at, resampled_lengths, unit_vectors
 from recognition.parameters import ChainParameters
+from recognition.preprocessing.plane_fit import SIGMA_PER_MAD
 from recognition.tracing.fragments import Fragment
 
 STEP_RADII = 0.35
@@ -26,6 +27,11 @@ MIN_MERGED_SHARE = 0.09
 """Minimum share of foreign surface on each side of a line that runs between two strands.
 
 Single strands and crossings have up to 0.07. Clear cases of merged strands have 0.1 to 0.15.
+"""
+SCENE_SIGMAS = 3.0
+"""The same share in standard deviations above the median of the scene, if that is more.
+
+Matching windows of a stereo camera widen all strings, unevenly. Most of a scene consists of single strands.
 """
 SMOOTHING_STEPS = 5
 """Number of points along the line over which the counts of surface points are averaged."""
@@ -51,14 +57,25 @@ def split_merged_strands(
         string is thicker than r.
     """
     shares = _foreign_shares(fragments, surface, parameters.r)
+    min_share = _min_merged_share(shares)
     parts = []
     for fragment, share in zip(fragments, shares, strict=True):
-        keep = share < MIN_MERGED_SHARE
+        keep = share < min_share
         # Do not cut a fragment that is wide along most of its length: its string is thicker than r.
-        if np.median(share) >= MIN_MERGED_SHARE / 2:
+        if np.median(share) >= min_share / 2:
             keep[:] = True
         parts += fragment.split(keep, np.zeros(len(keep), dtype=bool))
     return parts
+
+
+def _min_merged_share(shares: Sequence[NDArray[np.float64]]) -> float:
+    """Return the minimum share of foreign surface of merged strands, given the shares (N,) of all fragments."""
+    if not shares:
+        return MIN_MERGED_SHARE
+    of_scene = np.concatenate(shares)
+    median = float(np.median(of_scene))
+    sigma = SIGMA_PER_MAD * float(np.median(np.abs(of_scene - median)))
+    return max(MIN_MERGED_SHARE, median + SCENE_SIGMAS * sigma)
 
 
 def _foreign_shares(fragments: Sequence[Fragment], surface: NDArray[np.float64], r: float) -> list[NDArray[np.float64]]:
