@@ -1,6 +1,7 @@
 """Settings of the camera: model, exposure, working distance."""
 
 from abc import abstractmethod
+from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -15,6 +16,7 @@ from cell.config.camera_optics import (
     oak_optics,
     simulated_optics,
 )
+from cell.config.camera_preset import CameraPreset, read_preset
 from cell.config.rendering_options import RenderingOptions, Sheath, TableTop
 from cell.config.strict_model import Range, StrictSettings, Vector3
 from recognition.parameters import R_MAX, R_MIN
@@ -136,6 +138,9 @@ class SimulatedCamera(CameraSettings):
     """Model of the camera. `oak-d-pro`, `oak-d-sr` and `d435` match their depth in rendered images, with the figures of
     these products. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the figures
     of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""
+    profile: Path | None = None
+    """Camera file that `pointchain camera-profile` made of a recording. The camera then has its parameters instead of
+    those of `model`. A relative path in the file counts from its folder; in a variable, from the working directory."""
     scene: str = "figure-eight"
     """Name of the scene, as in `pointchain simulate`."""
     seed: int = Field(default=3, ge=0)
@@ -152,6 +157,11 @@ class SimulatedCamera(CameraSettings):
     ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
     """Power of the simulated dot projector, as a share of its maximum. `oak-d-pro` and `d435` have a projector."""
 
+    @field_validator("profile")
+    @classmethod
+    def _absolute(cls, value: Path | None) -> Path | None:
+        return None if value is None else value.expanduser().absolute()
+
     @field_validator("scene")
     @classmethod
     def _known(cls, value: str) -> str:
@@ -161,13 +171,32 @@ class SimulatedCamera(CameraSettings):
 
     @model_validator(mode="after")
     def _has_options(self) -> Self:
-        self.rendering.check(self.model, self.model in STEREO_BASELINES_M, self.model in DOT_PROJECTORS)
+        preset = self.preset
+        if preset is None:
+            self.rendering.check(self.model, self.model in STEREO_BASELINES_M, self.model in DOT_PROJECTORS)
+            return self
+        if "model" in self.model_fields_set and self.model != preset.base:
+            raise ValueError(
+                f"model is {self.model}, but profile is a camera file that is based on {preset.base}: remove model"
+            )
+        self.rendering.check(preset.name, True, preset.has_dots)
         return self
+
+    @property
+    def preset(self) -> CameraPreset | None:
+        """Camera of the file `profile`, or None without one."""
+        return None if self.profile is None else read_preset(self.profile)
+
+    @property
+    def camera_name(self) -> str:
+        """Name of the simulated camera."""
+        return self.model if self.preset is None else self.preset.name
 
     @property
     def rendering_s(self) -> float:
         """Longest time in which the images of a view are rendered on a busy machine, seconds."""
-        return RENDERING_S if self.model in STEREO_BASELINES_M else 0.0
+        is_rendered = self.preset is not None or self.model in STEREO_BASELINES_M
+        return RENDERING_S if is_rendered else 0.0
 
     @property
     def rendering(self) -> RenderingOptions:
@@ -177,17 +206,19 @@ class SimulatedCamera(CameraSettings):
     @property
     def optics(self) -> CameraOptics:
         """Nominal optics, which are exact for a simulated camera."""
+        if self.preset is not None:
+            return self.preset.optics(self.working_m)
         return simulated_optics(self.model, self.working_m)
 
     @property
     def device_id(self) -> str:
         """Device id that the simulated camera reports."""
-        return simulated_camera_id(self.model, self.seed)
+        return simulated_camera_id(self.camera_name, self.seed)
 
     @property
     def summary(self) -> str:
         """Model and scene."""
-        return f"simulated {self.model} camera that sees {self.scene}"
+        return f"simulated {self.camera_name} camera that sees {self.scene}"
 
 
 class OakCamera(CameraSettings):

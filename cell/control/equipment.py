@@ -20,6 +20,8 @@ from cell.arm.ur_arm import UrArm
 from cell.camera.camera import LiveCamera, MakeDriver
 from cell.camera.oak_device import open_device
 from cell.camera.oak_driver import OakDriver
+from cell.camera_profile.depth_profile import DepthProfile
+from cell.camera_profile.measure import SeenTable
 from cell.config.arm_config import ArmSettings, SimulatedArm, URArm
 from cell.config.camera_config import CameraSettings, OakCamera, SimulatedCamera
 from cell.config.cell_config import CellSettings
@@ -29,6 +31,8 @@ from cell.planning.home import home_posture
 from cell.simulation.devices.flange_pose import controller_pose, reported_pose
 from cell.simulation.devices.oak_pipeline import open_simulated
 from cell.simulation.devices.world import SimulatedWorld, simulated_world
+from cell.simulation.profiling.expected_profile import expected_profiles, model_of_oak
+from cell.simulation.rendering.depth_camera import CameraModel
 from cell.simulation.ur_controller.launcher import ControllerStartError, RunningController, start_controller
 
 log = logging.getLogger(__name__)
@@ -85,6 +89,20 @@ class Equipment:
         if self._cancelled.is_set():
             self._camera.cancel_connecting()
         return self._camera
+
+    def expected_profiles(self, seen: SeenTable) -> list[DepthProfile]:
+        """Return the profiles of a simulated camera of the kind of this cell's camera, on textured tables.
+
+        Args:
+            seen: Table in front of the camera.
+
+        Returns:
+            The profiles. There are none if no simulated camera is of this kind, or if it sees no table from there.
+        """
+        kind = CAMERA_KINDS[type(self.settings.camera)]
+        if kind.model is None:
+            return []
+        return expected_profiles(kind.model(self.settings.camera, self, seen), seen)
 
     def lay_board(self, board: Board | None) -> None:
         """Put a calibration board on the table of a simulated cell, or the strings again. None means the strings.
@@ -184,6 +202,14 @@ class CameraKind:
     """Returns what makes the driver, from the camera's settings and the equipment. It is called at each connection."""
     open_timeout_s: float
     """Timeout of the driver's start and of opening the camera."""
+    model: Callable[[Any, Equipment, SeenTable], CameraModel] | None = None
+    """Returns the simulated camera of the same kind, from the camera's settings, the equipment and its images. None
+    means that there is no such camera, so that the self-test does not compare the depth."""
+
+
+def _model_of_world(camera: SimulatedCamera, equipment: Equipment, _: SeenTable) -> CameraModel:
+    assert equipment.world is not None  # the camera is a simulated one
+    return equipment.world.camera
 
 
 def _simulated_oak(camera: SimulatedCamera, equipment: Equipment) -> MakeDriver:
@@ -201,8 +227,12 @@ ARM_KINDS: dict[type[ArmSettings], ArmKind] = {
 """Every kind of arm, by the class of its settings."""
 CAMERA_KINDS: dict[type[CameraSettings], CameraKind] = {
     # a camera in a network takes up to half of its timeout to start
-    OakCamera: CameraKind(lambda camera, _: partial(OakDriver, camera, partial(open_device, camera)), 30.0),
+    OakCamera: CameraKind(
+        lambda camera, _: partial(OakDriver, camera, partial(open_device, camera)),
+        30.0,
+        lambda camera, _, seen: model_of_oak(camera, seen),
+    ),
     # a busy machine takes long to load and build the simulated world
-    SimulatedCamera: CameraKind(_simulated_oak, 60.0),
+    SimulatedCamera: CameraKind(_simulated_oak, 60.0, _model_of_world),
 }
 """Every kind of camera, by the class of its settings."""

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from calibration.storage.hand_eye_file import HandEye
 from cell.config.cell_config import CellSettings
 from cell.control.equipment import Equipment
-from cell.devices import ArmInfo, ArmState, CameraInfo, Frame
+from cell.devices import ArmInfo, ArmState, Burst, CameraInfo, Frame
 
 Outcome = Literal["ok", "warning", "failed", "skipped"]
 
@@ -48,6 +48,8 @@ class CheckContext:
     """Depth image of the camera."""
     hand_eye: HandEye | None = None
     """Active calibration."""
+    burst: Burst | None = None
+    """Single exposures of the camera, one after the other, of what `frame` shows."""
 
 
 def ok(name: str, message: str, warnings: Sequence[str] = (), figures: Mapping[str, Any] | None = None) -> CheckResult:

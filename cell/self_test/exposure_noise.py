@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.camera.frame_averaging import median
+from cell.camera_profile.table_pixels import MIN_TABLE_SHARE, find_table
 
 COUNTS = (1, 3, 5)
 """Numbers of exposures that are compared."""
@@ -18,25 +19,10 @@ NOISE_MARGIN = 0.05
 FLICKER_MARGIN = 0.01
 """Largest excess of the flicker over that of the largest number of exposures, as a share of the edge pixels."""
 
-STEP_M = 0.004
-"""Smallest distance from the table of a pixel of an object. It is larger where the noise is."""
-STEP_SIGMA = 3.0
-"""Smallest distance from the table of a pixel of an object, as a multiple of the noise."""
 JUMP_M = 0.005
 """Smallest change of the depth at an edge that counts as flicker."""
-EDGE_PX = 4
-"""Largest distance of an edge pixel from an edge, along rows and columns."""
 MIN_EDGE_PIXELS = 500
 """Smallest number of edge pixels for a statement about flicker. A hundredth of them is then five pixels."""
-MIN_TABLE_SHARE = 0.2
-"""Smallest share of the image that the table must fill."""
-
-TRIALS, SAMPLES, SEED = 300, 3000, 0
-"""Number of random planes, number of pixels at which they are compared, and the random seed."""
-NEAR_PLANE_M = 0.01
-"""Largest distance from a random plane of the pixels that support it."""
-FITS = 2
-"""Number of fits of the plane. After each, objects are searched again: they would pull the plane towards them."""
 
 
 @dataclass(frozen=True)
@@ -75,21 +61,16 @@ def measure_noise(depth: NDArray[np.uint16], depth_unit_m: float) -> ExposureNoi
         depth_unit_m: Metres per depth count.
     """
     middle = median(list(depth)) * depth_unit_m
-    plane = _largest_plane(middle)
-    if plane is None:
+    found = find_table(middle)
+    if found is None:
         return None
-    table, edges = _table_and_edges(middle, plane)
-    for _ in range(FITS):
-        if table.sum() < MIN_TABLE_SHARE * middle.size:
-            return None
-        plane = _fit_plane(middle, table)
-        table, edges = _table_and_edges(middle, plane)
-    flat, edges = table & depth.all(axis=0), edges & depth.any(axis=0)
+    flat = found.table & depth.all(axis=0)
+    edges = found.edges & depth.any(axis=0)
     if flat.sum() < MIN_TABLE_SHARE * middle.size:
         return None
     on_table, at_edges = depth[:, flat], depth[:, edges]
     single_m2 = float(np.mean(np.var(on_table * depth_unit_m, axis=0, ddof=1)))
-    residual_m = on_table.mean(axis=0) * depth_unit_m - plane[flat]
+    residual_m = on_table.mean(axis=0) * depth_unit_m - found.plane_m[flat]
     # the mean of N exposures still has their noise, divided by N
     fixed_m2 = float(np.mean(residual_m**2)) - single_m2 / len(depth)
     fixed_m = float(np.sqrt(max(fixed_m2, 0.0)))
@@ -135,60 +116,3 @@ def _flicker(views_m: NDArray[np.floating[Any]]) -> float:
     lost = (before > 0) != (after > 0)
     jumped = (before > 0) & (after > 0) & (np.abs(after - before) > JUMP_M)
     return float(np.mean(lost | jumped))
-
-
-def _table_and_edges(
-    depth_m: NDArray[np.floating[Any]], plane_m: NDArray[np.float64]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the measured pixels (H, W) of the table away from objects, and all pixels near the edges of objects."""
-    from scipy.ndimage import binary_dilation, binary_erosion, binary_opening
-
-    measured = depth_m > 0
-    distance = np.where(measured, depth_m - plane_m, 0.0)
-    close = measured & (np.abs(distance) < NEAR_PLANE_M)
-    sigma = 1.4826 * float(np.median(np.abs(distance[close]))) if close.any() else 0.0
-    beyond = np.abs(distance) > max(STEP_M, STEP_SIGMA * sigma)
-    objects = binary_opening(beyond, np.ones((3, 3), dtype=bool))
-    square = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), dtype=bool)
-    grown = np.asarray(binary_dilation(objects, square), dtype=np.bool_)
-    inner = np.asarray(binary_erosion(objects, square), dtype=np.bool_)
-    return measured & ~beyond & ~grown, grown & ~inner
-
-
-def _largest_plane(depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float64] | None:
-    """Return the depth (H, W) of the best of `TRIALS` random planes through three pixels, or None without one."""
-    rows, columns = np.nonzero(depth_m)
-    if len(rows) < MIN_TABLE_SHARE * depth_m.size:
-        return None
-    A, z = _positions(rows, columns, depth_m.shape), depth_m[rows, columns]
-    rng = np.random.default_rng(SEED)
-    some = rng.integers(len(z), size=SAMPLES)
-    corners = rng.integers(len(z), size=(TRIALS, 3))
-    # three pixels on a line have no plane
-    corners = corners[np.abs(np.linalg.det(A[corners])) > 1e-3]
-    if not len(corners):
-        return None
-    planes = np.linalg.solve(A[corners], 1 / z[corners][..., None])[..., 0]
-    # relative errors of depth and inverse depth are equal, for small ones
-    support = np.abs(z[some] * (planes @ A[some].T) - 1) * z[some] < NEAR_PLANE_M
-    return _plane_depth(planes[support.sum(axis=1).argmax()], depth_m.shape)
-
-
-def _fit_plane(depth_m: NDArray[np.floating[Any]], on_plane: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the depth (H, W) of the plane through the marked pixels (H, W), by least squares of the inverse depth."""
-    rows, columns = np.nonzero(on_plane)
-    A = _positions(rows, columns, depth_m.shape)
-    return _plane_depth(np.linalg.lstsq(A, 1 / depth_m[on_plane], rcond=None)[0], depth_m.shape)
-
-
-def _plane_depth(plane: NDArray[np.floating[Any]], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the depth (H, W) of a plane, infinite where its rays do not meet it."""
-    rows, columns = np.indices(shape).reshape(2, -1)
-    inverse = (_positions(rows, columns, shape) @ plane).reshape(shape)
-    return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1.0), np.inf)
-
-
-def _positions(rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return (N, 3) factors of a plane's inverse depth, which is linear in column and row with any pinhole matrix."""
-    height, width = shape
-    return np.column_stack([columns / width - 0.5, rows / height - 0.5, np.ones(len(rows))])

@@ -7,7 +7,7 @@ from cell.config.cell_config import CellSettings
 from cell.control.equipment import Equipment
 from cell.devices import InvalidViewError
 from cell.errors import CellError
-from cell.self_test import arm_checks, camera_checks, exposure_check, grasp_check, setup_checks
+from cell.self_test import arm_checks, camera_checks, depth_quality, exposure_check, grasp_check, setup_checks
 from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
 
 REDUCED_M_S = 0.25
@@ -19,6 +19,7 @@ NEEDS = {
     "state": "the connection to the arm",
     "camera": "the camera",
     "frame": "a depth image",
+    "burst": "exposures that show the table",
     "hand_eye": "the hand-eye calibration",
 }
 """Descriptions of what a later step may need, by the name in `CheckContext`."""
@@ -41,6 +42,7 @@ def check_cell(settings: CellSettings) -> Iterator[CheckResult]:
         ("calibration", (), setup_checks.calibration),
         ("depth image", ("camera",), camera_checks.frame),
         (exposure_check.NAME, ("frame",), exposure_check.exposures),
+        (depth_quality.NAME, ("frame", "burst"), depth_quality.depth_quality),
         ("table", ("frame", "state", "hand_eye"), setup_checks.table),
         ("viewpoints", ("hand_eye",), setup_checks.viewpoints),
         (grasp_check.NAME, ("hand_eye",), grasp_check.grasps),

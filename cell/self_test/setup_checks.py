@@ -6,13 +6,14 @@ import numpy as np
 
 from calibration.errors import HandEyeError
 from calibration.storage.hand_eye_file import CHECK_ROTATION, camera_faces_arm_message, require_match
+from cell.config.strict_model import Range
 from cell.control.active_calibration import file_in_use, hand_eye_in_use
 from cell.devices import View
 from cell.errors import CalibrationError
 from cell.planning.viewpoints import plan_viewpoints
 from cell.self_test.camera_checks import AT_THIS_POSE, MIN_SHARE_IN_VIEW, TURN_IT
 from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
-from cell.self_test.table_check import fit_table, share_in_view
+from cell.self_test.table_check import TableFit, fit_table, share_in_view
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
 
 MIN_TABLE_SHARE = 0.5
@@ -75,7 +76,7 @@ def table(context: CheckContext) -> CheckResult:
         )
     tilt = f"{np.rad2deg(seen.tilt_rad):.2f} degrees"
     message = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
-    off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
+    off = table_offset(seen, settings.camera.optics.working_m)
     if off > MISPLACED:
         return CheckResult(
             name, "failed", message, "correct mounting.table_z_m; if it is right, calibrate the cell again"
@@ -84,6 +85,20 @@ def table(context: CheckContext) -> CheckResult:
         advice = "measure mounting.table_z_m again; if it is right, calibrate the cell again"
         return ok(name, message, [f"that is more than recognition corrects in a view: {advice}"])
     return ok(name, message)
+
+
+def table_offset(seen: TableFit, working_m: Range) -> float:
+    """Return the offset of the table as a share of what recognition corrects in a view.
+
+    Errors of a stereo camera grow with the square of the distance. Home may be farther from the table than the views of
+    a scan, so an offset there counts as it would be in the middle of the working range.
+
+    Args:
+        seen: Plane of the table.
+        working_m: Smallest and largest distance of a view.
+    """
+    ratio = max(2 * seen.distance_m / (working_m[0] + working_m[1]), 1.0)
+    return max(abs(seen.height_m) / (MAX_HEIGHT_ERROR_M * ratio**2), seen.tilt_rad / (MAX_TILT_RAD * ratio))
 
 
 def viewpoints(context: CheckContext) -> CheckResult:

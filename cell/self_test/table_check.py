@@ -32,6 +32,8 @@ class TableFit:
     """Height above the configured table, in the middle of the visible part."""
     tilt_rad: float
     """Angle between the plane and the horizontal of the base frame."""
+    distance_m: float
+    """Distance between the camera and the visible part, along the optical axis."""
     share: float
     """Share of the points near the configured height that lie on the plane."""
 
@@ -77,6 +79,7 @@ def fit_table(view: View, settings: CellSettings) -> TableFit | None:
     return TableFit(
         height_m=float(plane[2] - settings.mounting.table_z_m),
         tilt_rad=float(np.arctan(np.hypot(plane[0], plane[1]))),
+        distance_m=float((inverse(view.T_base_camera) @ [*points[on_plane].mean(axis=0), 1.0])[2]),
         share=float(on_plane.mean()),
     )
 

@@ -42,6 +42,7 @@ EXPLAINED = {
     "audit": ("Security", "../../integrator/security.md"),
     "bench": ("Benchmarks", "../../researcher/benchmarks.md"),
     "calibrate": ("Calibrate the camera", "../../integrator/calibration.md"),
+    "camera-profile": ("Depth quality of the camera", "../../integrator/depth-camera.md"),
     "check": ("Commission a cell", "../../integrator/commissioning.md"),
     "compare": ("Many recordings", "../../researcher/batch.md"),
     "demo": ("Tutorial", "../../tutorial.md"),
@@ -81,7 +82,7 @@ PAGES = {
     "recordings": Page(
         "Commands for recordings",
         "make, import, recognise, compare and export recordings",
-        ("bench", "compare", "export", "import", "recognise", "simulate"),
+        ("bench", "camera-profile", "compare", "export", "import", "recognise", "simulate"),
     ),
     "service": Page(
         "Commands for the service",

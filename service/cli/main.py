@@ -13,6 +13,7 @@ from pathlib import Path
 from service.cli.calibrate.parser import add_calibrate_commands
 from service.cli.commands.audit import add_audit_command
 from service.cli.commands.batch import add_batch_commands
+from service.cli.commands.camera_profile import add_camera_profile_command
 from service.cli.commands.cell import add_cell_commands
 from service.cli.commands.doctor import add_doctor_command
 from service.cli.commands.interchange import add_interchange_commands
@@ -56,6 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     add_cell_commands(commands)
     add_calibrate_commands(commands)
     add_interchange_commands(commands)
+    add_camera_profile_command(commands)
 
     simulate = commands.add_parser(
         "simulate",

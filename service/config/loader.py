@@ -37,6 +37,8 @@ from service.config.error_messages import describe_errors, suggest_name
 from service.config.sections import LimitsConfig, LogConfig, RetentionConfig, SecurityConfig
 
 PREFIX = "POINTCHAIN_"
+PATH_KEYS = {"hand_eye": ("file", "folder"), "camera": ("profile",)}
+"""Keys of the cell that are paths, by section."""
 FILE_VARIABLE = "POINTCHAIN_CONFIG"
 """Variable that names the configuration file if `--config` is not given."""
 
@@ -154,7 +156,7 @@ def load_config(path: Path | None = None, **overrides: Any) -> ServiceConfig:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of the file. Relative paths in `hand_eye` count from the folder of the file."""
+    """Return the content of the file. Relative paths of a cell count from the folder of the file."""
     try:
         if not path.is_file():
             raise ConfigError(f"{path}: there is no such configuration file")
@@ -165,11 +167,13 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not TOML: {error}") from error
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-    hand_eye = content.get("hand_eye")
-    if isinstance(hand_eye, dict):
-        for key in ("file", "folder"):
-            if isinstance(value := hand_eye.get(key), str):
-                hand_eye[key] = str(path.absolute().parent / Path(value).expanduser())
+    for section, keys in PATH_KEYS.items():
+        values = content.get(section)
+        if not isinstance(values, dict):
+            continue
+        for key in keys:
+            if isinstance(value := values.get(key), str):
+                values[key] = str(path.absolute().parent / Path(value).expanduser())
     return content
 
 

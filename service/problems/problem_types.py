@@ -802,7 +802,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "camera-model": ProblemType(
         title="Unknown camera model",
         status=None,
-        cause="There is no simulated camera of this name, or it does not have the given resolution or options.",
+        cause="There is no simulated camera of this name, its file cannot be used, or it does not have the given "
+        "resolution or options.",
         action="Use one of the names or values that the message lists.",
         group="Correct the command or the configuration",
     ),

@@ -41,6 +41,10 @@ ELSEWHERE = {
     "pip install ./service/client": "tests/service/client/test_distribution.py"
     "::test_pip_install_gives_a_client_that_needs_nothing_else_of_the_project",
     "source .venv/bin/activate": ".ci/setup::venv",
+    "pointchain scan table.mcap": "tests/service/cli/commands/test_scan.py::",
+    "pointchain camera-profile": "tests/service/interchange/test_camera_profile.py"
+    "::test_a_recording_becomes_a_camera_file",
+    "pointchain simulate again.mcap": "tests/service/interchange/test_camera_profile.py::again.mcap",
     "pointchain check": "tests/service/cli/commands/test_check.py::test_check_prints_what_is_wrong_and_what_to_do",
     "pointchain calibrate run": "tests/service/cli/calibrate/test_run.py::test_a_new_cell_is_calibrated",
     "pointchain calibrate verify": "tests/service/cli/calibrate/test_run.py"

@@ -21,7 +21,13 @@ from cell.config.rendering_options import RenderingOptions
 from cell.errors import CellSettingsError
 from cell.simulation.pose_errors import T_FLANGE_CAMERA, PoseErrors, perturbed
 from cell.simulation.rendering.calibration_board import lay_board, plate
-from cell.simulation.rendering.depth_camera import CameraModel, camera_model, draw_bias_px, image_provenance
+from cell.simulation.rendering.depth_camera import (
+    CameraModel,
+    camera_model,
+    camera_of_preset,
+    draw_bias_px,
+    image_provenance,
+)
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene, make_scene
 
@@ -125,7 +131,7 @@ def simulated_world(settings: CellSettings) -> SimulatedWorld:
     except ValueError as error:
         raise CellSettingsError(f"camera.scene: {error}") from error
     errors = PoseErrors().scaled(camera.errors)
-    model = camera_model(camera.model)
+    model = camera_model(camera.model) if camera.preset is None else camera_of_preset(camera.preset)
     T_base_scene = np.eye(4)
     (x0, x1), (y0, y1), (table_z, _) = settings.workspace_m
     T_base_scene[:3, 3] = (x0 + x1) / 2, (y0 + y1) / 2, table_z

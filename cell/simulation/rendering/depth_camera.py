@@ -4,6 +4,7 @@ The depth is matched in rendered images, or exact depth with the errors of a noi
 """
 
 import math
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from calibration.geometry.transforms import rigid
 from cell.camera.frame_averaging import mean_image, median
 from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M, CameraName, simulated_optics
-from cell.config.rendering_options import RenderingOptions
+from cell.config.camera_preset import DISPARITY_STEP, CameraPreset, is_preset_path, read_preset
+from cell.config.rendering_options import RenderingOptions, TableTop
 from cell.simulation.rendering.appearance import appearance_of_seed
 from cell.simulation.rendering.calibration_board import Print
 from cell.simulation.rendering.image_renderer import ImageRenderer, Scenery
@@ -22,6 +24,7 @@ from cell.simulation.rendering.lighting import LIGHT_STREAM, draw_lamp
 from cell.simulation.rendering.materials import Materials
 from cell.simulation.rendering.ray_caster import RayCaster
 from cell.simulation.rendering.stereo_camera import StereoCamera, StereoPair, StillPair
+from cell.simulation.rendering.stereo_matching import StereoMatching
 from cell.simulation.rendering.stereo_noise import (
     MEDIAN_OF_FIVE,
     StereoNoise,
@@ -65,6 +68,12 @@ class CameraModel:
     """Cameras whose rendered images the depth is matched in, or None. `noise` is None with such cameras."""
     sensor: tuple[int, int] = (1280, 800)
     """Width and height of the largest depth image, pixels."""
+    table_top: TableTop | None = None
+    """Table top in rendered images, unless options give another one. None means that it is drawn from the seed."""
+
+    def complete(self, options: RenderingOptions) -> RenderingOptions:
+        """Return the options with the table top of this camera, if they have none."""
+        return replace(options, table_top=options.table_top or self.table_top)
 
     @property
     def K(self) -> NDArray[np.float64]:
@@ -81,8 +90,6 @@ class CameraModel:
 _MEASURED: dict[str, Any] = {"warp_px": 0.3, "edge_hole_share": 0.15, "flicker_share": 0.25, "patches": 1.0}
 """Errors of real OAK-D cameras: a warp of some tenths of a pixel, 10 to 19 % holes within 8 pixels of a rim, 2 to 9 %
 of all pixels flickering, and patches of up to 10 pixels on weak texture."""
-_DISPARITY_STEP = 16
-"""The number of disparities of the matching is a multiple of this."""
 
 
 def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
@@ -126,15 +133,19 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     in metres does not depend on it.
 
     Args:
-        name: Name of the preset.
+        name: Name of the preset, or path of a camera file.
         resolution: Width and height of the depth image, or None for those of the preset.
 
     Raises:
         CameraModelError: The name is unknown, or the sensor does not have the resolution.
+        CameraPresetError: The file cannot be read, or is no camera file.
     """
-    if name not in CAMERAS:
-        raise CameraModelError(f"there is no camera model {name!r}; known are {', '.join(CAMERAS)}")
-    model = CAMERAS[name]
+    model = camera_of_preset(read_preset(name)) if is_preset_path(name) else CAMERAS.get(name)
+    if model is None:
+        raise CameraModelError(
+            f"there is no camera model {name!r}; known are {', '.join(CAMERAS)}, and files of `pointchain "
+            "camera-profile`, whose names end with .json"
+        )
     if resolution is None:
         return model
     width, height = resolution
@@ -149,8 +160,37 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     scaled = replace(model, focal_px=model.focal_px * scale, width=width, height=height)
     if model.stereo is None:
         return scaled
-    steps = math.ceil(model.stereo.disparities * scale / _DISPARITY_STEP)
-    return replace(scaled, stereo=replace(model.stereo, disparities=steps * _DISPARITY_STEP))
+    steps = math.ceil(model.stereo.disparities * scale / DISPARITY_STEP)
+    return replace(scaled, stereo=replace(model.stereo, disparities=steps * DISPARITY_STEP))
+
+
+def camera_of_preset(preset: CameraPreset) -> CameraModel:
+    """Return the camera of a file."""
+    base = CAMERAS[preset.base]
+    assert base.stereo is not None
+    pair = replace(
+        base.stereo,
+        baseline_m=preset.baseline_m,
+        disparities=preset.disparities,
+        matching=replace(base.stereo.matching, block_px=preset.block_px),
+        bias_px=preset.bias_px,
+        warp_px=preset.warp_px,
+        row_error_px=preset.row_error_px,
+        noise_factor=preset.noise_factor,
+    )
+    return replace(
+        base,
+        name=preset.name,
+        focal_px=preset.focal_px,
+        width=preset.width,
+        height=preset.height,
+        near_m=preset.near_m,
+        working_m=preset.working_m,
+        depth_unit_m=preset.depth_unit_m,
+        stereo=pair,
+        sensor=(preset.width, preset.height),
+        table_top=preset.table_top,
+    )
 
 
 def draw_bias_px(model: CameraModel, rng: np.random.Generator) -> float:
@@ -172,7 +212,7 @@ def image_provenance(model: CameraModel, options: RenderingOptions, seed: int) -
     """
     if model.stereo is None:
         return {}
-    appearance = appearance_of_seed(options, seed)
+    appearance = appearance_of_seed(model.complete(options), seed)
     return {"sheath": appearance.sheath, "table_top": appearance.table_top, "ir_dots": f"{options.ir_dots:g}"}
 
 
@@ -269,11 +309,23 @@ class DepthCamera:
         seed = self._device_seed
         assert model.stereo is not None
         options = self._content.options
-        materials = Materials(self._scene, appearance_of_seed(options, seed), seed)
+        materials = Materials(self._scene, appearance_of_seed(model.complete(options), seed), seed)
         lamp = draw_lamp(np.random.default_rng([seed, LIGHT_STREAM]))
         scenery = Scenery(self._caster, materials, lamp, self._content.board, self.strings)
         renderer = ImageRenderer(scenery, model.K, model.width, model.height)
         return StereoCamera(model.stereo, renderer, self.bias_px, seed, options.ir_dots)
+
+    def with_matching(self, matching: StereoMatching, noise_factor: float) -> "DepthCamera":
+        """Return the same device with another matching and another noise of its sensors.
+
+        What `still_view` returned holds for both. The camera must match its depth in rendered images.
+        """
+        assert self.model.stereo is not None
+        other = copy(self)
+        pair = replace(self.model.stereo, matching=matching, noise_factor=noise_factor)
+        other.model = replace(self.model, stereo=pair)
+        other._stereo = self._stereo.with_matching(matching, noise_factor)
+        return other
 
     def render(self, T_base_camera: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the exact depth (H, W) and the index of the string in each pixel (H, W).
@@ -319,12 +371,27 @@ class DepthCamera:
             T_base_camera: Camera pose (4, 4) in the scene.
             rng: Generator of the noise.
         """
+<<<<<<< HEAD
         still = self.still_view(T_base_camera, rng)
         if not isinstance(still, StillPair):
             return CameraImages(self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE)), None)
         exposures = [self.expose_images(still, rng) for _ in range(EXPOSURES)]
         left_images = [exposure.intensity for exposure in exposures if exposure.intensity is not None]
         return CameraImages(median([exposure.depth for exposure in exposures]), mean_image(left_images))
+=======
+        return self.combine(self.still_view(T_base_camera, rng), rng)
+
+    def combine(self, still: StillView | StillPair, rng: np.random.Generator) -> NDArray[np.uint16]:
+        """Return the depth image (H, W) of a capture from a pose, in depth units; 0 = not measured.
+
+        Args:
+            still: What all exposures from the pose share.
+            rng: Generator of the noise.
+        """
+        if isinstance(still, StillPair):
+            return median([self.expose(still, rng) for _ in range(EXPOSURES)])
+        return self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE))
+>>>>>>> 76a480d10e66c121e835b55676225c9a9280f288
 
     def still_view(
         self, T_base_camera: NDArray[np.float64], rng: np.random.Generator, with_dots: bool = True

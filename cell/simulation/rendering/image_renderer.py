@@ -181,8 +181,14 @@ def _shifted(share: NDArray[np.float32], seen: SeenPrint, shift: PixelShift | No
     return np.asarray(cv2.remap(share, columns, rows, cv2.INTER_LINEAR), dtype=np.float32)
 
 
-def develop(still: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return one image (H, W) with the noise and the rounding of the sensor."""
-    spread = np.sqrt(DARK_NOISE**2 + SHOT_NOISE**2 / 255 * np.maximum(still, 0))
+def develop(still: NDArray[np.float32], rng: np.random.Generator, noise_factor: float = 1.0) -> NDArray[np.uint8]:
+    """Return one image (H, W) with the noise and the rounding of the sensor.
+
+    Args:
+        still: Image (H, W) without noise, grey levels.
+        rng: Generator of the noise.
+        noise_factor: Factor on the noise.
+    """
+    spread = np.float32(noise_factor) * np.sqrt(DARK_NOISE**2 + SHOT_NOISE**2 / 255 * np.maximum(still, 0))
     noisy = still + spread * rng.standard_normal(still.shape, dtype=np.float32)
     return np.rint(noisy.clip(0, 255)).astype(np.uint8)

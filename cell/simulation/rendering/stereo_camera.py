@@ -4,7 +4,8 @@ The left camera is the reference of the depth. The matching window of a real cam
 strings and widens them; an error model on exact depth does not have that.
 """
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,8 @@ class StereoPair:
     """Root mean square of the slow difference between the rows of both images, constant for one device."""
     has_dots: bool = False
     """Whether the camera has a dot projector."""
+    noise_factor: float = 1.0
+    """Factor on the noise of the image sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,12 @@ class StereoCamera:
         if ir_dots > 0 and pair.has_dots:
             self._dots = DotProjector(ir_dots, np.random.default_rng([device_seed, _DOTS_STREAM]))
 
+    def with_matching(self, matching: StereoMatching, noise_factor: float) -> "StereoCamera":
+        """Return the same device with another matching and another noise of its sensors."""
+        other = copy(self)
+        other._pair = replace(self._pair, matching=matching, noise_factor=noise_factor)
+        return other
+
     def render(self, T_scene_camera: NDArray[np.float64], with_dots: bool = True) -> StillPair:
         """Return both images from a pose.
 
@@ -109,8 +118,8 @@ class StereoCamera:
 
     def expose(self, still: StillPair, rng: np.random.Generator) -> StereoExposure:
         """Return one exposure: both images with the noise of the sensor, and the depth matched in them."""
-        left = develop(still.left, rng)
-        right = develop(still.right, rng)
+        left = develop(still.left, rng, self._pair.noise_factor)
+        right = develop(still.right, rng, self._pair.noise_factor)
         disparity = match(left, right, self._pair.disparities, self._pair.matching)
         measured = disparity > MIN_DISPARITY_PX
         focal_baseline = np.float32(self._renderer.K[0, 0] * self._pair.baseline_m)

@@ -123,7 +123,7 @@ def test_the_self_test_compares_the_recommendation_with_the_configuration() -> N
 
 @pytest.mark.parametrize("noise", [None, noise_of((0.001,) * 3, (0.0,) * 3)])
 def test_a_frame_rate_that_is_not_reached_is_reported(noise: ExposureNoise | None) -> None:
-    settings = SimulatedCamera(exposures=1)
+    settings = SimulatedCamera(model="ideal", exposures=1)
     assert noise_found(noise, 27.1, settings).outcome == "ok"
     step = noise_found(noise, 13.8, settings)
     assert step.outcome == "warning"
@@ -132,3 +132,9 @@ def test_a_frame_rate_that_is_not_reached_is_reported(noise: ExposureNoise | Non
     assert "set camera.fps to 14" in (step.what_to_do or "")
     assert step.figures is not None
     assert (step.figures["frame_rate"], step.figures["configured_frame_rate"]) == (13.8, 30.0)
+
+
+def test_a_simulated_camera_may_render_its_images_slowly() -> None:
+    step = noise_found(None, 6.0, SimulatedCamera(model="oak-d-pro"))
+    assert step.outcome == "ok"
+    assert "6.0 images/s, as this computer renders them" in step.message

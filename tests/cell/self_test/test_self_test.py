@@ -40,13 +40,15 @@ def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
                 log = admin.log()
     outcomes = {step.name: step.outcome for step in steps}
     expected = (
-        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, exposures, table, "
-        "viewpoints, grasps"
+        "configuration, controller, robot, connection, arm model, camera, calibration, depth image, exposures, "
+        "depth quality, table, viewpoints, grasps"
     )
     assert ", ".join(outcomes) == expected
     assert "failed" not in outcomes.values(), steps
     assert [outcomes[name] for name in ("controller", "robot", "connection", "arm model", "camera")] == ["ok"] * 5
-    (measured,) = (step.figures for step in steps if step.figures is not None)
+    measured, quality = (step.figures for step in steps if step.figures is not None)
+    assert outcomes["depth quality"] == "ok", steps
+    assert quality["as_expected"]
     assert measured["configured_frame_rate"] == 30.0
     assert [median["exposures"] for median in measured["medians"]] == [1, 3, 5]
     kinds = {event["kind"] for event in log}
@@ -90,6 +92,7 @@ def test_a_missing_robot_and_camera_are_reported_in_time(hand_eye_file: Path) ->
     assert steps["robot"] == CheckResult("robot", "skipped", "it needs the controller")
     assert steps["connection"].message == "it needs a robot that may be driven"
     assert steps["table"].message == "it needs a depth image and the connection to the arm"
+    assert steps["depth quality"].message == "it needs a depth image and exposures that show the table"
     assert steps["calibration"].outcome == "ok"
     assert "measured 3.0 days ago" in steps["calibration"].message
     assert steps["viewpoints"].message.startswith("8 of 8 reached from home")

@@ -12,6 +12,7 @@ from calibration.storage.hand_eye_file import load_hand_eye
 from cell.config.cell_config import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings
 from cell.devices import ArmInfo, CameraInfo
 from cell.self_test import setup_checks
+from cell.self_test.table_check import TableFit
 from tests.cell.self_test.cells_to_check import (
     grounds_for,
     looking_cell,
@@ -79,6 +80,16 @@ def test_the_height_of_the_table_is_compared_with_the_configuration(told_table_z
     assert step.outcome == outcome, step
     assert (step.what_to_do is None) == (outcome == "ok")
     assert "mounting.table_z_m" in step.message
+
+
+def test_an_offset_counts_as_it_would_be_at_the_distance_of_a_scan() -> None:
+    seen = TableFit(height_m=0.006, tilt_rad=0.0, distance_m=0.6, share=0.9)
+    # Errors of the disparity grow with the square of the distance, 1.56 times from 0.48 to 0.6 m.
+    assert setup_checks.table_offset(seen, (0.36, 0.60)) == pytest.approx(0.006 / 0.004 / 1.5625)
+    near = replace(seen, distance_m=0.4)
+    assert setup_checks.table_offset(near, (0.36, 0.60)) == pytest.approx(1.5)
+    tilted = replace(seen, height_m=0.0, tilt_rad=0.02)
+    assert setup_checks.table_offset(tilted, (0.36, 0.60)) == pytest.approx(1 / 1.25)
 
 
 def test_a_table_out_of_view_is_skipped() -> None:

@@ -55,7 +55,7 @@ def test_check_prints_what_is_wrong_and_what_to_do(unreachable_cell: Path, capsy
     assert ["ok", "data"] in starts
     assert "-> check arm.host" in out
     assert max(map(len, lines)) <= 120, "wrapped to the terminal"
-    assert lines[-1] == "The cell cannot scan: 5 ok, 2 failed, 6 skipped."
+    assert lines[-1] == "The cell cannot scan: 5 ok, 2 failed, 7 skipped."
 
 
 def test_check_prints_the_same_as_json(unreachable_cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
