@@ -5,10 +5,10 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.config.camera_optics import (
     DOT_PROJECTORS,
     STEREO_BASELINES_M,
-    CameraName,
     CameraOptics,
     OakProduct,
     oak_max_fps,
@@ -132,7 +132,7 @@ class SimulatedCamera(CameraSettings):
 
     kind: Literal["simulated"] = "simulated"
     """Selects the simulated camera."""
-    model: CameraName = "ideal"
+    model: CameraName = DEFAULT_CAMERA
     """Model of the camera. `oak-d-pro`, `oak-d-sr` and `d435` match their depth in rendered images, with the figures of
     these products. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the figures
     of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""

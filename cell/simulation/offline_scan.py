@@ -156,6 +156,17 @@ def truth_path(path: Path) -> Path:
     return path.with_suffix(".truth.json")
 
 
+def refuse_existing(path: Path) -> None:
+    """Raise RecordingExistsError if the recording or its truth exists.
+
+    Args:
+        path: Recording to write.
+    """
+    for there in (path, truth_path(path)):
+        if there.exists():
+            raise RecordingExistsError(f"{there} exists already; nothing is overwritten: choose another name")
+
+
 def write_simulation(scan: SimulatedScan, path: Path) -> Path:
     """Write the recording and the truth beside it, each completely or not at all. Return the path of the truth.
 
@@ -169,9 +180,7 @@ def write_simulation(scan: SimulatedScan, path: Path) -> Path:
         OSError: A file cannot be written.
     """
     beside = truth_path(path)
-    for there in (path, beside):
-        if there.exists():
-            raise RecordingExistsError(f"{there} exists already; nothing is overwritten: choose another name")
+    refuse_existing(path)
     unfinished = [target.with_name(f".{target.name}.{os.getpid()}.partial") for target in (path, beside)]
     try:
         with RecordingWriter(unfinished[0], scan.header) as writer:

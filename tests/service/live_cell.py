@@ -10,7 +10,7 @@ import pytest
 from cell.camera.camera import LiveCamera
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
-from cell.config.camera_optics import CameraName
+from cell.config.camera_names import CameraName
 from cell.config.cell_config import CellSettings
 from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host

@@ -81,6 +81,10 @@ class CameraModel:
 _MEASURED: dict[str, Any] = {"warp_px": 0.3, "edge_hole_share": 0.15, "flicker_share": 0.25, "patches": 1.0}
 """Errors of real OAK-D cameras: a warp of some tenths of a pixel, 10 to 19 % holes within 8 pixels of a rim, 2 to 9 %
 of all pixels flickering, and patches of up to 10 pixels on weak texture."""
+_MIN_WIDTH = 32
+"""Smallest width of a depth image, pixels."""
+_MIN_HEIGHT = 20
+"""Smallest height of a depth image, pixels."""
 _DISPARITY_STEP = 16
 """The number of disparities of the matching is a multiple of this."""
 
@@ -140,10 +144,10 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     width, height = resolution
     max_width, max_height = model.sensor
     aspect = model.height / model.width
-    if not (32 <= width <= max_width and 20 <= height <= min(max_height, width * aspect)):
+    if not (_MIN_WIDTH <= width <= max_width and _MIN_HEIGHT <= height <= min(max_height, width * aspect)):
         raise CameraModelError(
-            f"{name} has no depth image of {width}x{height}; up to {max_width}x{max_height}, no higher than "
-            f"{aspect:.3f} of the width"
+            f"{name} has no depth image of {width}x{height}; choose a size from {_MIN_WIDTH}x{_MIN_HEIGHT} to "
+            f"{max_width}x{max_height}, no higher than {aspect:.3f} of the width"
         )
     scale = width / model.width
     scaled = replace(model, focal_px=model.focal_px * scale, width=width, height=height)

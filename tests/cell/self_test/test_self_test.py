@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.errors import RobotNotReadyError
 from cell.self_test.check_result import CheckResult, failed
@@ -62,7 +63,7 @@ def assert_gone(host: str) -> None:
 
 def test_an_interrupted_self_test_leaves_no_process() -> None:
     host = free_host()
-    steps = check_cell(CellSettings(arm=SimulatedArm(host=host)))
+    steps = check_cell(CellSettings(arm=SimulatedArm(host=host), camera=SimulatedCamera(model="ideal")))
     assert isinstance(steps, Generator)
     assert next(step for step in steps if step.name == "controller").outcome == "ok"
     with closing(AdminClient(host)) as admin:

@@ -295,8 +295,11 @@ def test_simulate_renders_the_given_surfaces(capsys: pytest.CaptureFixture[str],
     ("arguments", "expected"),
     [
         (("--scene", "knot"), "overhand-knot"),
-        (("--camera", "kinect"), "ideal-measured"),
-        (("--sheath", "woven"), "sheath cannot be set for ideal, which renders no images: choose oak-d-pro"),
+        (("--camera", "ideal", "--resolution", "100x10"), "choose a size from 32x20 to 1280x800"),
+        (
+            ("--camera", "ideal", "--sheath", "woven"),
+            "sheath cannot be set for ideal, which renders no images: choose oak-d-pro",
+        ),
         (("--camera", "oak-d-pro", "--ir-dots", "2"), "ir_dots is 2; from 0 to 1 is allowed"),
         (("--camera", "oak-d-sr", "--ir-dots", "0.5"), "oak-d-sr has no dot projector"),
         (("--radius", "1"), "radius"),
@@ -463,7 +466,17 @@ def test_recognise_uses_the_gripper_of_the_configuration(
     assert "metres, not mm" in err
 
 
-@pytest.mark.parametrize("arguments", [[], ["recognise"], ["unknown"], ["recognise", "x", "--method", "guess"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["recognise"],
+        ["unknown"],
+        ["recognise", "x", "--method", "guess"],
+        ["simulate", "x.mcap", "--camera", "kinect"],
+        ["bench", "--camera", "kinect"],
+    ],
+)
 def test_wrong_arguments_exit_with_2(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as raised:
         main(arguments)
