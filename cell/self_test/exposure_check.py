@@ -36,7 +36,8 @@ def noise_found(noise: ExposureNoise | None, rate: float, settings: CameraSettin
     configured, fps = settings.exposures, settings.frame_rate
     period_s = 1 / min(rate, fps)
     warnings = []
-    if rate < MIN_RATE_SHARE * fps:
+    renders = settings.rendering_s > 0
+    if rate < MIN_RATE_SHARE * fps and not renders:
         warnings.append(
             f"the camera sends {rate:.1f} instead of {fps:g} images/s: connect it directly by USB 3, end other load on "
             f"this computer, add light, or set camera.fps to {max(rate, 1.0):.0f}"
@@ -48,6 +49,8 @@ def noise_found(noise: ExposureNoise | None, rate: float, settings: CameraSettin
         "recommended_exposures": None,
     }
     message = f"{rate:.1f} images/s"
+    if renders:
+        message += ", as fast as this computer matches the rendered images"
     if noise is None:
         return ok(NAME, f"{message}; no table is in view, so that no noise was measured", warnings, figures)
     wanted = recommended_exposures(noise)

@@ -12,7 +12,7 @@ from cell.errors import CalibrationError
 from cell.planning.viewpoints import plan_viewpoints
 from cell.self_test.camera_checks import AT_THIS_POSE, MIN_SHARE_IN_VIEW, TURN_IT
 from cell.self_test.check_result import CheckContext, CheckResult, failed, ok
-from cell.self_test.table_check import fit_table, share_in_view
+from cell.self_test.table_check import distance_factor, fit_table, share_in_view
 from recognition.preprocessing.table_plane import MAX_HEIGHT_ERROR_M, MAX_TILT_RAD
 
 MIN_TABLE_SHARE = 0.5
@@ -75,7 +75,8 @@ def table(context: CheckContext) -> CheckResult:
         )
     tilt = f"{np.rad2deg(seen.tilt_rad):.2f} degrees"
     message = f"seen {1000 * seen.height_m:+.1f} mm from mounting.table_z_m and tilted by {tilt}"
-    off = max(abs(seen.height_m) / MAX_HEIGHT_ERROR_M, seen.tilt_rad / MAX_TILT_RAD)
+    max_height_m = MAX_HEIGHT_ERROR_M * distance_factor(view, settings)
+    off = max(abs(seen.height_m) / max_height_m, seen.tilt_rad / MAX_TILT_RAD)
     if off > MISPLACED:
         return CheckResult(
             name, "failed", message, "correct mounting.table_z_m; if it is right, calibrate the cell again"

@@ -81,6 +81,16 @@ def fit_table(view: View, settings: CellSettings) -> TableFit | None:
     )
 
 
+def distance_factor(view: View, settings: CellSettings) -> float:
+    """Return the factor on the height error of a view that is taken from farther away than those of a scan.
+
+    An error of the disparities grows with the square of the distance.
+    """
+    distance_m = float(np.median(view.depth[view.depth > 0])) * view.depth_unit_m
+    scan_m = float(np.mean(settings.camera.optics.working_m))
+    return max(distance_m / scan_m, 1.0) ** 2
+
+
 def _near_table(view: View, settings: CellSettings) -> NDArray[np.float64]:
     """Return the points (N, 3) in the workspace's rectangle near the table's height, base frame."""
     rows, columns = np.nonzero(view.depth[::STEP, ::STEP])

@@ -10,8 +10,9 @@ import pytest
 from calibration.geometry.transforms import from_rotation_vector
 from calibration.storage.hand_eye_file import load_hand_eye
 from cell.config.cell_config import CellSettings, HandEyeSettings, ScanSettings, WorkspaceSettings
-from cell.devices import ArmInfo, CameraInfo
+from cell.devices import ArmInfo, CameraInfo, View
 from cell.self_test import setup_checks
+from cell.self_test.table_check import distance_factor
 from tests.cell.self_test.cells_to_check import (
     grounds_for,
     looking_cell,
@@ -79,6 +80,16 @@ def test_the_height_of_the_table_is_compared_with_the_configuration(told_table_z
     assert step.outcome == outcome, step
     assert (step.what_to_do is None) == (outcome == "ok")
     assert "mounting.table_z_m" in step.message
+
+
+def test_more_height_error_is_accepted_from_farther_away_than_in_a_scan() -> None:
+    context = looking_cell(0.0)
+    frame = context.frame
+    assert frame is not None
+    for distance_m, factor in ((0.3, 1.0), (0.48, 1.0), (0.6, 1.5625)):
+        depth = np.full_like(frame.depth, round(distance_m / frame.depth_unit_m))
+        view = View(0, depth, frame.depth_unit_m, frame.K, np.eye(4), np.eye(4))
+        assert distance_factor(view, context.settings) == pytest.approx(factor)
 
 
 def test_a_table_out_of_view_is_skipped() -> None:
