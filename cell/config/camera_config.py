@@ -122,6 +122,10 @@ A view of `oak-d-sr` takes 3 s of a core.
 """
 
 
+IMAGE_CACHE_BYTES = 500_000_000
+"""Default size of the rendered images that are kept between runs: 240 views at 640x400."""
+
+
 def simulated_camera_id(model: str, seed: int) -> str:
     """Return the device id that a simulated camera reports."""
     return f"simulated-{model}-{seed}"
@@ -151,6 +155,9 @@ class SimulatedCamera(CameraSettings):
     """Surface of the table in rendered images. The default is drawn from `seed` among those with texture."""
     ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
     """Power of the simulated dot projector, as a share of its maximum. `oak-d-pro` and `d435` have a projector."""
+    image_cache_bytes: int = Field(default=IMAGE_CACHE_BYTES, ge=0)
+    """Largest size of the rendered images that are kept on the disk between runs, in the cache folder of the user. They
+    do not have to be rendered again. 0 keeps none."""
 
     @field_validator("scene")
     @classmethod

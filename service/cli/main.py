@@ -185,6 +185,9 @@ def _add_rendering_options(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument(
         "--ir-dots", type=float, default=0.0, metavar="SHARE", help="power of the dot projector, 0 to 1 (%(default)s)"
     )
+    simulate.add_argument(
+        "--no-image-cache", action="store_true", help="do not keep rendered images in the user's cache folder"
+    )
 
 
 def _resolution(text: str) -> tuple[int, int]:
@@ -200,9 +203,11 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from cell.config.camera_config import IMAGE_CACHE_BYTES
     from cell.config.rendering_options import RenderingOptions
     from cell.simulation.offline_scan import refuse_existing, simulate, write_simulation
     from cell.simulation.rendering.depth_camera import camera_model
+    from cell.simulation.rendering.image_cache import ImageCache
     from cell.simulation.scenes.scenes import make_scene
 
     try:
@@ -220,7 +225,8 @@ def _simulate(options: argparse.Namespace) -> int:
             clearance=options.clearance,
         )
         rendering = RenderingOptions(options.sheath, options.table_top, options.ir_dots)
-        scan = simulate(scene, camera, options.seed, views=options.views, rendering=rendering)
+        cache = None if options.no_image_cache else ImageCache(IMAGE_CACHE_BYTES)
+        scan = simulate(scene, camera, options.seed, views=options.views, rendering=rendering, cache=cache)
         truth = write_simulation(scan, options.out)
     except ValueError as error:
         print(f"pointchain simulate: {error}", file=sys.stderr)

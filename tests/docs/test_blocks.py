@@ -136,6 +136,7 @@ class Runner:
         self._names: dict[str, Any] = {"__name__": "__main__"}
         self._environment = os.environ | {
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "XDG_CACHE_HOME": str(folder / "cache"),
             "POINTCHAIN_DATA_DIR": str(folder / "data"),
             "POINTCHAIN_ARM__HOST": free_host(),
             "POINTCHAIN_ARM__TIME_FACTOR": "20",

@@ -16,7 +16,7 @@ from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import LONGEST_PAUSE_S, Serve, ServedClient, wait_until
 
-FAST: dict[str, Any] = {"fps": 30.0, "exposures": 1, "settle_s": 0.0}
+FAST: dict[str, Any] = {"fps": 30.0, "exposures": 1, "settle_s": 0.0, "image_cache_bytes": 0}
 SCAN = {"mode": "live", "string_radius_m": 0.0042}
 
 

@@ -17,9 +17,11 @@ from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M, Camera
 from cell.config.rendering_options import RenderingOptions
 from cell.simulation.rendering.appearance import appearance_of_seed
 from cell.simulation.rendering.calibration_board import Print
+from cell.simulation.rendering.image_cache import ImageCache, image_key
 from cell.simulation.rendering.image_renderer import ImageRenderer, Scenery
 from cell.simulation.rendering.lighting import LIGHT_STREAM, draw_lamp
 from cell.simulation.rendering.materials import Materials
+from cell.simulation.rendering.meshes import scene_meshes
 from cell.simulation.rendering.ray_caster import RayCaster
 from cell.simulation.rendering.stereo_camera import StereoCamera, StereoPair, StillPair
 from cell.simulation.rendering.stereo_noise import (
@@ -234,6 +236,7 @@ class DepthCamera:
         bias_px: float = 0.0,
         device_seed: int = 0,
         content: ImageContent | None = None,
+        cache: ImageCache | None = None,
     ) -> None:
         """Build the scene for ray casting.
 
@@ -243,6 +246,7 @@ class DepthCamera:
             bias_px: Disparity error of the session, pixels.
             device_seed: Seed of the device's errors, and of light and materials in rendered images.
             content: What rendered images show, or None for the defaults.
+            cache: Keeps rendered images between runs; None: they are not kept.
 
         Raises:
             RenderingOptionsError: The camera does not have the options of the content.
@@ -252,6 +256,7 @@ class DepthCamera:
         self._scene = scene
         self._device_seed = device_seed
         self._content = ImageContent() if content is None else content
+        self._cache = cache
         has_dots = model.stereo is not None and model.stereo.has_dots
         self._content.options.check(model.name, model.stereo is not None, has_dots)
         self._warp = None
@@ -278,6 +283,33 @@ class DepthCamera:
         scenery = Scenery(self._caster, materials, lamp, self._content.board, self.strings)
         renderer = ImageRenderer(scenery, model.K, model.width, model.height)
         return StereoCamera(model.stereo, renderer, self.bias_px, seed, options.ir_dots)
+
+    @cached_property
+    def _scene_key(self) -> str:
+        """Hash of what rendered images from all poses depend on."""
+        board = self._content.board
+        options = self._content.options
+        parts: list[NDArray[np.generic] | str | float | None] = [self.strings, *self._scene.curves]
+        for vertices, triangles in scene_meshes(self._scene):
+            parts += [vertices, triangles]
+        parts += [self.model.K, self.model.width, self.model.height, repr(self.model.stereo)]
+        parts += [
+            self.bias_px,
+            self._device_seed,
+            repr(appearance_of_seed(options, self._device_seed)),
+            options.ir_dots,
+        ]
+        if board is not None:
+            parts += [repr(board.board), board.T_scene_board]
+        return image_key(*parts)
+
+    def _rendered_pair(self, T_base_camera: NDArray[np.float64], with_dots: bool) -> StillPair:
+        """Return both images from a pose, from the cache if they are there."""
+        if self._cache is None:
+            return self._stereo.render(T_base_camera, with_dots)
+        key = image_key(self._scene_key, T_base_camera, with_dots)
+        shape = (self.model.height, self.model.width)
+        return self._cache.get(key, shape, lambda: self._stereo.render(T_base_camera, with_dots))
 
     def render(self, T_base_camera: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the exact depth (H, W) and the index of the string in each pixel (H, W).
@@ -341,7 +373,7 @@ class DepthCamera:
             with_dots: Whether the dot projector is on, if it has power.
         """
         if self.model.stereo is not None:
-            return self._stereo.render(T_base_camera, with_dots)
+            return self._rendered_pair(T_base_camera, with_dots and self._content.options.ir_dots > 0)
         depth, string = self.render(T_base_camera)
         if self.model.noise is None:
             return StillView(depth, None)

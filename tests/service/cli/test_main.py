@@ -283,7 +283,7 @@ def test_simulate_writes_the_same_file_for_the_same_seed(capsys: pytest.CaptureF
 
 
 def test_simulate_renders_the_given_surfaces(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    camera = ("--camera", "oak-d-pro", "--resolution", "96x60", "--views", "1")
+    camera = ("--camera", "oak-d-pro", "--resolution", "96x60", "--views", "1", "--no-image-cache")
     surfaces = ("--sheath", "woven", "--table-top", "grained", "--ir-dots", "0.4")
     code, _, err = run(capsys, "simulate", tmp_path / "a.mcap", *camera, *surfaces)
     assert code == 0, err
@@ -327,12 +327,15 @@ def test_simulate_never_overwrites(capsys: pytest.CaptureFixture[str], recording
 
 
 def test_simulate_into_a_missing_folder_is_rejected(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, _, err = run(capsys, "simulate", tmp_path / "none" / "x.mcap", "--resolution", "160x100", "--views", "2")
+    code, _, err = run(capsys, "simulate", tmp_path / "none" / "x.mcap", "--camera", "exact", "--views", "1")
     assert code == 1
     assert "x.mcap cannot be written: No such file or directory" in err
 
 
-def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_demo_compares_with_the_truth_and_can_be_repeated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     folder = tmp_path / "demo"
     for name in ("scan.mcap", "scan.truth.json", "result/old.json", "trace/old.png"):  # files of an earlier demo
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -346,6 +349,7 @@ def test_demo_compares_with_the_truth_and_can_be_repeated(capsys: pytest.Capture
     for found in quality["findings"]:
         assert f"\n{found['severity'].capitalize():19}{found['message']}\n" in out
     assert str(folder / "scan.mcap") in out
+    assert len(list(tmp_path.glob("cache/pointchain/simulated-images/*.npz"))) >= 8, "rendered images are kept"
     assert not list(folder.rglob("old.*"))
     assert len(model["crossings"]) == 1
     check_best_grasp(out, model)
