@@ -111,8 +111,9 @@ def observe(
         )
 
     begin("registration")
-    registration = register(ingested.clouds, parameters, ingested.correspondences, table_z_m=scene.table_z_m)
-    registration = add_table_error(registration, ingested.measured.table)
+    sigmas = ingested.measured.pose_sigmas
+    registration = register(ingested.clouds, parameters, ingested.correspondences, sigmas, scene.table_z_m)
+    registration = add_table_error(registration, ingested.measured.table, sigmas)
     return Surface(
         ingested=ingested,
         registration=registration,

@@ -6,10 +6,10 @@ from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.config.camera_optics import (
     DOT_PROJECTORS,
     STEREO_BASELINES_M,
-    CameraName,
     CameraOptics,
     OakProduct,
     oak_max_fps,
@@ -124,6 +124,10 @@ A view of `oak-d-sr` takes 3 s of a core.
 """
 
 
+IMAGE_CACHE_BYTES = 500_000_000
+"""Default size of the rendered images that are kept between runs: 240 views at 640x400."""
+
+
 def simulated_camera_id(model: str, seed: int) -> str:
     """Return the device id that a simulated camera reports."""
     return f"simulated-{model}-{seed}"
@@ -134,7 +138,7 @@ class SimulatedCamera(CameraSettings):
 
     kind: Literal["simulated"] = "simulated"
     """Selects the simulated camera."""
-    model: CameraName = "ideal"
+    model: CameraName = DEFAULT_CAMERA
     """Model of the camera. `oak-d-pro`, `oak-d-sr` and `d435` match their depth in rendered images, with the figures of
     these products. `ideal` has the depth of a noise model, with the figures of an OAK-D Pro. `ideal-sr` has the figures
     of an OAK-D SR, and `ideal-measured` adds measured errors to `ideal`. `exact` has no depth noise."""
@@ -156,6 +160,9 @@ class SimulatedCamera(CameraSettings):
     """Surface of the table in rendered images. The default is drawn from `seed` among those with texture."""
     ir_dots: float = Field(default=0.0, ge=0.0, le=1.0)
     """Power of the simulated dot projector, as a share of its maximum. `oak-d-pro` and `d435` have a projector."""
+    image_cache_bytes: int = Field(default=IMAGE_CACHE_BYTES, ge=0)
+    """Largest size of the rendered images that are kept on the disk between runs, in the cache folder of the user. They
+    do not have to be rendered again. 0 keeps none."""
 
     @field_validator("profile")
     @classmethod

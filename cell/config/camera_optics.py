@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cell.config.camera_names import CameraName
 from cell.config.strict_model import Range
 
-CameraName = Literal["oak-d-pro", "oak-d-sr", "d435", "ideal-sr", "ideal", "ideal-measured", "exact"]
 OakProduct = Literal["oak-d", "oak-d-pro", "oak-d-sr", "oak4-d"]
 
 

@@ -22,6 +22,7 @@ from cell.simulation.rendering.depth_camera import (
     draw_bias_px,
     image_provenance,
 )
+from cell.simulation.rendering.image_cache import ImageCache
 from cell.simulation.scenes.clutter import footprint
 from cell.simulation.scenes.ground_truth import scene_truth
 from cell.simulation.scenes.scenes import StringScene
@@ -65,6 +66,7 @@ def simulate(
     bearings: Sequence[Bearing] | None = None,
     workspace_half_m: float | None = None,
     rendering: RenderingOptions | None = None,
+    cache: ImageCache | None = None,
 ) -> SimulatedScan:
     """Simulate a scan of a scene from viewpoints on two rings. The same arguments give the same content.
 
@@ -81,6 +83,7 @@ def simulate(
             `WORKSPACE_HALF_M`, and views that show the strings. A single view shows no such workspace, so None then
             means the width that the strings need.
         rendering: Options of the rendered images. None means the defaults.
+        cache: Keeps rendered images between runs. None means that they are not kept.
 
     Raises:
         ViewCountError: `views` is out of range.
@@ -107,7 +110,7 @@ def simulate(
     reported_T_base_flange = reported_flange_poses(T_base_camera, T_flange_camera, errors, pose_rng, seed)
     bias_px = draw_bias_px(camera, np.random.default_rng([seed, _SESSION]))
     rendering = RenderingOptions() if rendering is None else rendering
-    depth_camera = DepthCamera(camera, scene, bias_px, seed, ImageContent(rendering))
+    depth_camera = DepthCamera(camera, scene, bias_px, seed, ImageContent(rendering), cache)
     header = RecordingHeader(
         depth_unit_m=camera.depth_unit_m,
         string_radius_m=scene.radius_m,
@@ -156,6 +159,17 @@ def truth_path(path: Path) -> Path:
     return path.with_suffix(".truth.json")
 
 
+def refuse_existing(path: Path) -> None:
+    """Raise RecordingExistsError if the recording or its truth exists.
+
+    Args:
+        path: Recording to write.
+    """
+    for there in (path, truth_path(path)):
+        if there.exists():
+            raise RecordingExistsError(f"{there} exists already; nothing is overwritten: choose another name")
+
+
 def write_simulation(scan: SimulatedScan, path: Path) -> Path:
     """Write the recording and the truth beside it, each completely or not at all. Return the path of the truth.
 
@@ -169,9 +183,7 @@ def write_simulation(scan: SimulatedScan, path: Path) -> Path:
         OSError: A file cannot be written.
     """
     beside = truth_path(path)
-    for there in (path, beside):
-        if there.exists():
-            raise RecordingExistsError(f"{there} exists already; nothing is overwritten: choose another name")
+    refuse_existing(path)
     unfinished = [target.with_name(f".{target.name}.{os.getpid()}.partial") for target in (path, beside)]
     try:
         with RecordingWriter(unfinished[0], scan.header) as writer:

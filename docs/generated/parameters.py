@@ -36,7 +36,7 @@ USE = """
 The option `--set` of `pointchain recognise` replaces single values. It may be repeated, and lengths are in metres:
 
 ```sh
-pointchain simulate loop.mcap --scene loop --seed 1
+pointchain simulate loop.mcap --scene loop --camera ideal --seed 1
 pointchain recognise loop.mcap --method enhanced --set rho_t=0.85 --set r_cn=0.013 > loop.json
 ```
 

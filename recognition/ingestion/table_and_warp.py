@@ -38,6 +38,7 @@ from recognition.registration.measured_table import (
     locate_table,
     refuse_doubtful_table,
 )
+from recognition.registration.pose_prior import PoseSigmas
 
 LOCKING_VIEWS = 3
 """Number of views from which pixel locking is measured: the first ones. Each of them shows many disparities."""
@@ -134,6 +135,11 @@ class TableAndWarp:
         self._refuse_doubtful_table()
         return has_locking or is_moved
 
+    @property
+    def pose_sigmas(self) -> PoseSigmas:
+        """Standard deviations of the pose errors. Pixel locking shows how far a disparity offset moves the depth."""
+        return PoseSigmas.for_disparities(None if self.locking is None else self.locking.period_per_m)
+
     def corrected(self, number: int) -> DepthView:
         """Return a view without the errors of the camera, with its pose relative to the table.
 
@@ -224,7 +230,8 @@ class TableAndWarp:
 
     def _locate_table(self) -> None:
         """Locate the table in all views that show it."""
-        self.table = locate_table([plane for plane in self.planes if plane is not None], self.scene.table_z_m)
+        planes = [plane for plane in self.planes if plane is not None]
+        self.table = locate_table(planes, self.scene.table_z_m, self.pose_sigmas)
 
     def _measured_T_base_table(self) -> NDArray[np.float64]:
         """Return the motion (4, 4) of the given table to the measured one; none if pose errors explain it."""

@@ -31,14 +31,14 @@ class _Posterior:
     """Gaussian posterior of the state for one combination of a share and a size of the robot errors."""
 
     root: NDArray[np.float64]
-    """(6 V + 7, 6 V + 7) lower Cholesky factor of the information matrix."""
+    """(6 V + 9, 6 V + 9) lower Cholesky factor of the information matrix."""
     mean: NDArray[np.float64]
-    """(6 V + 7,) state with the highest probability."""
+    """(6 V + 9,) state with the highest probability."""
     log_evidence: float
     """Logarithm of the probability of the combination and the measured surfaces, without a constant."""
 
     def covariance_about(self, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the expected square (6 V + 7, 6 V + 7) of the difference to a state (6 V + 7,)."""
+        """Return the expected square (6 V + 9, 6 V + 9) of the difference to a state (6 V + 9,)."""
         change = self.mean - state
         return cho_solve((self.root, True), np.eye(len(self.root))) + np.outer(change, change)
 
@@ -48,11 +48,11 @@ class _NormalEquations:
     """Normal equations of the alignment without the prior of the robot errors, which are `D @ state + d`."""
 
     information: NDArray[np.float64]
-    """(6 V + 7, 6 V + 7) information matrix."""
+    """(6 V + 9, 6 V + 9) information matrix."""
     vector: NDArray[np.float64]
-    """(6 V + 7,) information vector."""
+    """(6 V + 9,) information vector."""
     D: NDArray[np.float64]
-    """(6 V, 6 V + 7) derivative of the robot errors by the state, in sigmas."""
+    """(6 V, 6 V + 9) derivative of the robot errors by the state, in sigmas."""
     d: NDArray[np.float64]
     """(6 V,) robot errors at the zero state, in sigmas."""
 
@@ -90,8 +90,8 @@ def pose_covariance(
     hardly show differences between the views.
 
     Args:
-        state: (6 V + 7,) aligned state, computed with independent robot errors.
-        information: (6 V + 7, 6 V + 7) information matrix of the state.
+        state: (6 V + 9,) aligned state, computed with independent robot errors.
+        information: (6 V + 9, 6 V + 9) information matrix of the state.
         prior: Prior of the state.
         T_base_camera: Camera pose (4, 4) of each view; None if unknown.
 

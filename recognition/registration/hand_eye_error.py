@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.registration.multiview_icp import Alignment
-from recognition.registration.pose_prior import PoseSigmas
+from recognition.registration.pose_prior import N_DISPARITY, PoseSigmas
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,7 @@ class HandEyeErrorEstimate:
     """
 
     information: NDArray[np.float64]
-    """(6, 6) information matrix (inverse covariance) of `c`, marginalised over robot errors and disparity offset."""
+    """(6, 6) information matrix (inverse covariance) of `c`, marginalised over robot errors and disparity error."""
     vector: NDArray[np.float64]
     """(6,) information vector, the product of `information` and the maximum likelihood estimate of `c`."""
     posterior_mean: NDArray[np.float64]
@@ -44,7 +44,7 @@ def estimate_hand_eye_error(alignment: Alignment, sigmas: PoseSigmas) -> HandEye
         return None
     # The prior has zero mean, so it adds nothing to the information vector.
     vector = posterior_information @ alignment.hand_eye_error
-    information = posterior_information - sigmas.shared_information[:-1, :-1]
+    information = posterior_information - sigmas.shared_information[:-N_DISPARITY, :-N_DISPARITY]
     return HandEyeErrorEstimate(
         information=(information + information.T) / 2, vector=vector, posterior_mean=alignment.hand_eye_error
     )

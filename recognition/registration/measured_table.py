@@ -16,7 +16,7 @@ from calibration.geometry.transforms import from_rotation_vector, transform_poin
 from recognition.errors import TableElsewhereError
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.preprocessing.target_cloud import DepthView, intensity_of
-from recognition.registration.pose_prior import N_SHARED, PoseSigmas
+from recognition.registration.pose_prior import N_SHARED, PoseSigmas, disparity_axes
 
 MAX_SIGMA = 4.3
 """Maximum Mahalanobis norm of the offset (height and two tilts) that errors of the poses explain. A table that is where
@@ -127,7 +127,9 @@ class MovedView:
         return intensity_of(self.image)
 
 
-def locate_table(planes: Sequence[ViewPlane], table_z_m: float) -> MeasuredTable | None:
+def locate_table(
+    planes: Sequence[ViewPlane], table_z_m: float, sigmas: PoseSigmas | None = None
+) -> MeasuredTable | None:
     """Return the plane of the table that the views agree on.
 
     Views whose plane does not fit the others are excluded, as long as a majority remains. If the remaining planes
@@ -136,13 +138,14 @@ def locate_table(planes: Sequence[ViewPlane], table_z_m: float) -> MeasuredTable
     Args:
         planes: Plane of the table in each view that shows it.
         table_z_m: Given height of the table, metres, base frame.
+        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
 
     Returns:
         The measured table; None if no view shows it.
     """
     if len(planes) == 0:
         return None
-    sigmas = PoseSigmas()
+    sigmas = sigmas or PoseSigmas()
     centre = np.append(np.median([plane.centre[:2] for plane in planes], axis=0), table_z_m)
     G, y = _equations(planes, centre, sigmas)
     min_views = len(planes) // 2 + 1
@@ -208,9 +211,9 @@ def is_near(T_a: NDArray[np.float64], T_b: NDArray[np.float64], planes: Sequence
 def _equations(
     planes: Sequence[ViewPlane], centre: NDArray[np.float64], sigmas: PoseSigmas
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (G, y): the errors of view k are `G[k] @ state - y[k]`, in sigmas, with the shapes (V, 3, 10) and (V, 3).
+    """Return (G, y): the errors of view k are `G[k] @ state - y[k]`, in sigmas, with the shapes (V, 3, 12) and (V, 3).
 
-    The state is the offset of the table (3), the hand-eye error (6) and the disparity offset (1).
+    The state is the offset of the table (3), the hand-eye error (6) and the disparity error (3).
     """
     heights = [plane.height_at(centre[:2]) - centre[2] for plane in planes]
     slope_x, slope_y = np.array([plane.slope for plane in planes]).T
@@ -223,15 +226,15 @@ def _equations(
     by_pose[:, :2, :2] = np.eye(2)
     by_pose[:, 2, :3] = -cross_matrix(lever)[:, 2]
     by_pose[:, 2, 5] = 1.0
-    # A disparity offset moves a point by its depth times its ray. The derivative of the height is the tilt.
-    axis = R[:, :, 2]
-    x, y, _ = axis.T
-    by_disparity = np.stack([y, -x, (lever * axis).sum(axis=1)], axis=1) * lever[:, 2:]
+    # A disparity error moves a point along its ray. The derivative of the height is the tilt.
+    axes = disparity_axes(R)
+    along = np.einsum("vai,vi->va", axes, lever)
+    by_disparity = np.stack([axes[:, :, 1], -axes[:, :, 0], along], axis=1) * lever[:, 2, None, None]
     G = np.zeros((len(planes), 3, 3 + N_SHARED))
     G[:, :, :3] = np.eye(3)
     G[:, :, 3:6] = -by_pose[..., :3] @ R
     G[:, :, 6:9] = -by_pose[..., 3:] @ R
-    G[:, :, 9] = -by_disparity
+    G[:, :, 9:] = -by_disparity
     robot = np.repeat([sigmas.robot_rad, sigmas.robot_m], 3) ** 2
     fit = np.array([sigmas.table_rad, sigmas.table_rad, sigmas.table_m]) ** 2
     covariance = by_pose * robot @ by_pose.swapaxes(1, 2) + np.diag(fit)

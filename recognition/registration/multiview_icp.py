@@ -20,7 +20,7 @@ from recognition.registration.correspondences import (
     anchor_points,
     find_correspondences,
 )
-from recognition.registration.pose_prior import N_SHARED, PosePrior, twist_entries
+from recognition.registration.pose_prior import N_DISPARITY, N_SHARED, PosePrior, twist_entries
 
 
 class SearchSettings(NamedTuple):
@@ -108,9 +108,9 @@ class _Estimate:
     """Estimate of the state."""
 
     state: NDArray[np.float64]
-    """(6 V + 7,) state."""
+    """(6 V + 9,) state."""
     information: NDArray[np.float64]
-    """(6 V + 7, 6 V + 7) information matrix of the state."""
+    """(6 V + 9, 6 V + 9) information matrix of the state."""
     is_improved: bool
     """Whether surfaces determined the state; False if only the prior did."""
 
@@ -240,7 +240,7 @@ def align_views(
     return Alignment(
         twists=_view_twists(state),
         covariance=pose_covariance(state, estimate.information, prior, T_base_camera),
-        hand_eye_error=state[-N_SHARED:-1],
+        hand_eye_error=state[-N_SHARED:-N_DISPARITY],
         hand_eye_information=hand_eye_information,
         robot_errors=np.array([float(np.linalg.norm(D @ state + d)) for D, d in prior.robot_errors]),
     )
@@ -295,13 +295,13 @@ def correction_transforms(twists: NDArray[np.float64], centre: NDArray[np.float6
 
 
 def _view_twists(state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the twists (V, 6) of the views from the state (6 V + 7,)."""
+    """Return the twists (V, 6) of the views from the state (6 V + 9,)."""
     return state[:-N_SHARED].reshape(-1, 6)
 
 
 def _marginal_hand_eye_information(information: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the information matrix (6, 6) of the hand-eye error, marginalised over the rest of the state."""
-    own = np.arange(len(information) - N_SHARED, len(information) - 1)
+    own = np.arange(len(information) - N_SHARED, len(information) - N_DISPARITY)
     rest = np.delete(np.arange(len(information)), own)
     between = information[np.ix_(rest, own)]
     return information[np.ix_(own, own)] - between.T @ np.linalg.solve(information[np.ix_(rest, rest)], between)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from recognition.registration.measured_table import MeasuredTable
-from recognition.registration.pose_prior import given_pose_covariance
+from recognition.registration.pose_prior import PoseSigmas, given_pose_covariance
 from recognition.registration.registration import Registration
 
 WRONG_SHARE = 0.03
@@ -63,7 +63,9 @@ def _estimate_part(offset: NDArray[np.float64], exact: NDArray[np.float64], wron
     return TableErrorEstimate(covariance, probability)
 
 
-def add_table_error(registration: Registration, table: MeasuredTable | None) -> Registration:
+def add_table_error(
+    registration: Registration, table: MeasuredTable | None, sigmas: PoseSigmas | None = None
+) -> Registration:
     """Return the registration with the error of the table to which the views were aligned.
 
     The poses of all views have this error. If the table is not where it is given, the views were aligned to the
@@ -73,6 +75,7 @@ def add_table_error(registration: Registration, table: MeasuredTable | None) -> 
     Args:
         registration: Registered views.
         table: Where the views show the table. None, if no view shows it, returns the registration as it is.
+        sigmas: Standard deviations of the pose errors. None: the defaults of `PoseSigmas`.
     """
     if table is None:
         return registration
@@ -80,7 +83,7 @@ def add_table_error(registration: Registration, table: MeasuredTable | None) -> 
         error = table.covariance
         registration = replace(registration, hand_eye_error=None)
         if len(registration.clouds) == 1:
-            covariance = given_pose_covariance(registration.clouds[0], registration.centre)
+            covariance = given_pose_covariance(registration.clouds[0], registration.centre, sigmas or PoseSigmas())
             return replace(registration, covariance=covariance)
     else:
         error = estimate_table_error(table).covariance

@@ -5,11 +5,12 @@ import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import islice
 from platform import python_version
 from typing import Any
 
+from cell.config.camera_names import CameraName
 from cell.simulation.benchmark import accuracy, grasps, tables
 from cell.simulation.benchmark.scaling import Growth, measure_growth
 from cell.simulation.benchmark.speed import Speed, measure_speed
@@ -47,6 +48,41 @@ REPORT_S = 15.0
 """Time between two messages on the progress of a part."""
 
 Emit = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What is measured."""
+
+    only: str | None
+    """One of `PARTS`, `GRASPS` or `VIEWS`. None: all of `PARTS`."""
+    tiers: tuple[str, ...]
+    """Names of `cell.simulation.cases.TIERS`. Empty: all tiers that the part measures."""
+    seeds: int
+    """Number of scenes of each tier. Every method recognises each scene."""
+    jobs: int | None
+    """Number of processes of the parts on accuracy, grasps and views. None: one per core."""
+    camera: CameraName
+    """Camera of the parts on speed, accuracy, grasps and views."""
+
+
+@dataclass(frozen=True)
+class SceneSet:
+    """Scenes of some tiers, and how they are measured."""
+
+    tiers: tuple[str, ...]
+    """Names of the tiers."""
+    seeds: int
+    """Number of scenes of each tier."""
+    jobs: int
+    """Number of processes."""
+    camera: CameraName
+    """Camera that sees the scenes."""
+
+    @property
+    def count(self) -> int:
+        """Number of all scenes."""
+        return len(self.tiers) * self.seeds
 
 
 class Progress:
@@ -96,39 +132,39 @@ class SceneCount:
         _log(f"{self._part}: {message} ({self._progress.left(self._done / self._total)})")
 
 
-def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, as_json: bool) -> int:
+def bench(options: BenchOptions, as_json: bool) -> int:
     """Run one part or all parts, and print the results on stdout.
 
     Each table is printed as soon as it is complete, and the accuracy table tier by tier. JSON is one document at the
     end.
 
     Args:
-        only: One of `PARTS`, `GRASPS` or `VIEWS`. None: all of `PARTS`.
-        tiers: Names of `cell.simulation.cases.TIERS`. Empty: all tiers that the part measures.
-        seeds: Number of scenes of each tier. Every method recognises each scene.
-        jobs: Number of processes of the parts on accuracy, grasps and views. None: one per core.
+        options: What is measured.
         as_json: Print one JSON document instead of Markdown tables.
 
     Returns:
         Exit code: 0 on success, 1 if an argument is wrong or a part failed.
     """
+    only = options.only
     known = VIEWS_TIERS if only == VIEWS else TIERS
-    unknown = [tier for tier in tiers if tier not in known]
+    unknown = [tier for tier in options.tiers if tier not in known]
     if unknown:
         part = "" if only is None else f" in the part {only}"
         return _fail(f"there is no tier {unknown[0]!r}{part}; known are {', '.join(known)}")
-    if seeds < 1 or (jobs is not None and jobs < 1):
+    if options.seeds < 1 or (options.jobs is not None and options.jobs < 1):
         return _fail("--seeds and --jobs must be at least 1")
-    tiers = tuple(dict.fromkeys(tiers or known))
-    jobs = min(jobs or os.cpu_count() or 1, len(tiers) * seeds)
+    tiers = tuple(dict.fromkeys(options.tiers or known))
+    jobs = min(options.jobs or os.cpu_count() or 1, len(tiers) * options.seeds)
+    scenes = SceneSet(tiers, options.seeds, jobs, options.camera)
     parts = PARTS if only is None else (only,)
 
     def emit(text: str) -> None:
         if not as_json:
             print(text, flush=True)
 
-    progress = Progress(_estimates_s(parts, tiers, seeds, jobs))
-    document: dict[str, Any] = {"machine": {"cores": os.cpu_count(), "python": python_version()}}
+    progress = Progress(_estimates_s(parts, scenes))
+    machine = {"cores": os.cpu_count(), "python": python_version()}
+    document: dict[str, Any] = {"machine": machine, "camera": options.camera}
     for part in parts:
         progress.begin(part)
         if part != parts[0]:
@@ -136,7 +172,7 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
         try:
             match part:
                 case "speed":
-                    document |= _speed(progress, emit)
+                    document |= _speed(options.camera, progress, emit)
                 case "cell":
                     times = measure_cell(progress.report)
                     emit(cell_table(times))
@@ -146,11 +182,11 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
                     emit(service_table(service_times))
                     document["service"] = service_json(service_times)
                 case "grasps":
-                    document |= _grasps(tiers, seeds, jobs, progress, emit)
+                    document |= _grasps(scenes, progress, emit)
                 case "views":
-                    document |= _views(tiers, seeds, jobs, progress, emit)
+                    document |= _views(scenes, progress, emit)
                 case _:
-                    document |= _accuracy(tiers, seeds, jobs, progress, emit)
+                    document |= _accuracy(scenes, progress, emit)
         except MeasurementError as error:
             return _fail(f"the {part} part failed: {error}; run it on a machine that does nothing else")
     if as_json:
@@ -158,52 +194,57 @@ def bench(only: str | None, tiers: Sequence[str], seeds: int, jobs: int | None, 
     return 0
 
 
-def _estimates_s(parts: Sequence[str], tiers: Sequence[str], seeds: int, jobs: int) -> dict[str, float]:
+def _estimates_s(parts: Sequence[str], scenes: SceneSet) -> dict[str, float]:
     """Time a probe on this machine, and return and announce the expected seconds of each part."""
     _log("timing a short probe to estimate the duration")
     estimates_s: dict[str, float] = {}
+    tiers = scenes.tiers
+    seeds = scenes.seeds
+    jobs = scenes.jobs
     if set(parts) - {"accuracy", GRASPS, VIEWS}:
-        probe = measure_probe(1)
+        probe = measure_probe(1, scenes.camera)
         all_s = {"speed": speed_s(probe), "cell": cell_s(probe), "service": service_s(probe)}
         estimates_s |= {part: all_s[part] for part in parts if part in all_s}
     if "accuracy" in parts:
-        estimates_s["accuracy"] = accuracy_s(tiers, seeds, jobs, measure_probe(jobs))
+        estimates_s["accuracy"] = accuracy_s(tiers, seeds, jobs, measure_probe(jobs, scenes.camera))
     if GRASPS in parts:
-        estimates_s[GRASPS] = grasps_s(tiers, seeds, jobs, measure_probe(jobs))
+        estimates_s[GRASPS] = grasps_s(tiers, seeds, jobs, measure_probe(jobs, scenes.camera))
     if VIEWS in parts:
-        estimates_s[VIEWS] = views_s(tiers, seeds, jobs, measure_probe(jobs))
+        estimates_s[VIEWS] = views_s(tiers, seeds, jobs, measure_probe(jobs, scenes.camera))
     processes = f"{jobs} process{'es' if jobs > 1 else ''}"
     described = {
         "speed": "speed, memory and growth",
         "cell": "the simulated cell",
         "service": "the service under load",
-        "accuracy": f"accuracy on {len(tiers) * seeds} scenes by {', '.join(METHODS)} in {processes}",
-        GRASPS: f"simulated grasps in {len(tiers) * seeds} scenes in {processes}",
-        VIEWS: f"views as needed and eight views on {len(tiers) * seeds} scenes in {processes}",
+        "accuracy": f"accuracy on {scenes.count} scenes by {', '.join(METHODS)} in {processes}",
+        GRASPS: f"simulated grasps in {scenes.count} scenes in {processes}",
+        VIEWS: f"views as needed and eight views on {scenes.count} scenes in {processes}",
     }
     _log(f"this takes about {duration(sum(estimates_s.values()))}: {'; '.join(described[part] for part in parts)}")
     return estimates_s
 
 
-def _speed(progress: Progress, emit: Emit) -> dict[str, Any]:
-    speed = measure_speed(progress.report)
+def _speed(camera: CameraName, progress: Progress, emit: Emit) -> dict[str, Any]:
+    speed = measure_speed(progress.report, camera)
     emit(f"{tables.speed_table(speed)}\n\n{tables.stages_table(speed.stages)}\n")
-    growth = measure_growth(progress.report)
+    growth = measure_growth(progress.report, camera)
     emit(tables.growth_table(growth))
     return _speed_json(speed, growth)
 
 
-def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+def _accuracy(scenes: SceneSet, progress: Progress, emit: Emit) -> dict[str, Any]:
     """Recognise all cases, with a progress bar on a terminal, else with a message from time to time."""
     from tqdm import tqdm
 
-    costs = iter([scene_cost(tier, seed) for tier in tiers for seed in range(seeds)])
-    total = sum(scene_cost(tier, seed) for tier in tiers for seed in range(seeds))
+    seeds = scenes.seeds
+    all_costs = [scene_cost(tier, seed) for tier in scenes.tiers for seed in range(seeds)]
+    costs = iter(all_costs)
+    total = sum(all_costs)
     done, reported_s = 0.0, time.monotonic()
     results: list[accuracy.CaseResult] = []
     emit(tables.table_head(tables.ACCURACY_COLUMNS))
     with tqdm(
-        total=len(tiers) * seeds,
+        total=scenes.count,
         bar_format="accuracy: {n_fmt} of {total_fmt} scenes |{bar}| {desc}",
         disable=not sys.stderr.isatty(),
     ) as bar:
@@ -218,8 +259,8 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
                 _log(f"accuracy: at tier {tier} ({left})")
                 reported_s = time.monotonic()
 
-        case_results = accuracy.run_cases(tiers, seeds, jobs, on_done)
-        for tier in tiers:
+        case_results = accuracy.run_cases(scenes.tiers, seeds, scenes.jobs, on_done, scenes.camera)
+        for tier in scenes.tiers:
             of_tier = list(islice(case_results, seeds * len(METHODS)))
             results += of_tier
             bar.clear()  # a terminal shows both stdout and the bar
@@ -249,39 +290,39 @@ def _accuracy(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, e
     }
 
 
-def _grasps(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+def _grasps(scenes: SceneSet, progress: Progress, emit: Emit) -> dict[str, Any]:
     """Simulate the grasps of all cases, with a message from time to time."""
     emit(tables.table_head(tables.GRASP_COLUMNS))
-    scenes = SceneCount(GRASPS, len(tiers) * seeds, progress)
-    cases = grasps.run_grasp_cases(tiers, seeds, jobs, scenes.add)
+    done = SceneCount(GRASPS, scenes.count, progress)
+    cases = grasps.run_grasp_cases(scenes.tiers, scenes.seeds, scenes.jobs, done.add, scenes.camera)
     results: list[grasps.GraspCase] = []
     summaries = {}
-    for tier in tiers:
-        of_tier = list(islice(cases, seeds))
+    for tier in scenes.tiers:
+        of_tier = list(islice(cases, scenes.seeds))
         results += of_tier
         summaries[tier] = grasps.summarise_grasps(of_tier)
         for row in tables.grasp_rows({tier: summaries[tier]}):
             emit(row)
-        scenes.report(f"tier {tier} is done")
+        done.report(f"tier {tier} is done")
     return {
         "grasps": {tier: {name: asdict(summary) for name, summary in of.items()} for tier, of in summaries.items()},
         "grasp_cases": [grasps.grasp_case_json(case) for case in results],
     }
 
 
-def _views(tiers: Sequence[str], seeds: int, jobs: int, progress: Progress, emit: Emit) -> dict[str, Any]:
+def _views(scenes: SceneSet, progress: Progress, emit: Emit) -> dict[str, Any]:
     """Compare views as needed with eight views, with a message from time to time."""
     emit(tables.table_head(VIEWS_COLUMNS))
-    scenes = SceneCount(VIEWS, len(tiers) * seeds, progress)
-    cases = run_views_cases(tiers, seeds, jobs, scenes.add)
+    done = SceneCount(VIEWS, scenes.count, progress)
+    cases = run_views_cases(scenes.tiers, scenes.seeds, scenes.jobs, done.add, scenes.camera)
     results: list[ViewsCase] = []
     summaries = {}
-    for tier in tiers:
-        of_tier = list(islice(cases, seeds))
+    for tier in scenes.tiers:
+        of_tier = list(islice(cases, scenes.seeds))
         results += [case for case in of_tier if case is not None]
         summaries[tier] = summarise_views(of_tier)
         emit(views_row(tier, summaries[tier]))
-        scenes.report(f"tier {tier} is done")
+        done.report(f"tier {tier} is done")
     return {
         "views": {tier: asdict(summary) for tier, summary in summaries.items()},
         "views_cases": [asdict(case) for case in results],

@@ -8,7 +8,9 @@ import heapq
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.simulation.benchmark.worker_pool import map_in_processes
 
 PROBE_TIER, PROBE_SEED = "paper", 0
@@ -39,7 +41,8 @@ TIER_COSTS: Mapping[str, Sequence[float]] = {
     "noise": (1.5, 2.0),
     "thin": (3.0,),
 }
-"""Time of one scene of each tier, in units of the probe. Scenes of a tier with several kinds take them in turn."""
+"""Time of one scene of each tier, in units of the probe, with the camera `ideal`. Scenes of a tier with several kinds
+take them in turn. With rendered images, the tiers differ less."""
 GRASP_COSTS: Mapping[str, float] = {
     "paper": 17.0,
     "long": 20.0,
@@ -96,22 +99,22 @@ class Probe:
     """Time of the probe in a process that has started, while the requested number of processes run it at once."""
 
 
-def measure_probe(processes: int) -> Probe:
-    """Run the probe in `processes` processes at once and return its times. Takes a few seconds."""
+def measure_probe(processes: int, camera: CameraName = DEFAULT_CAMERA) -> Probe:
+    """Run the probe in `processes` processes at once and return its times. Takes some seconds."""
     began_s = time.monotonic()
-    case_s = list(map_in_processes(probe_case, range(processes), processes))
+    case_s = list(map_in_processes(partial(probe_case, camera=camera), range(processes), processes))
     mean_s = sum(case_s) / len(case_s)
     return Probe(start_s=max(time.monotonic() - began_s - PROBE_RUNS * mean_s, 0.0), case_s=mean_s)
 
 
-def probe_case(_: int) -> float:
+def probe_case(_: int, camera: CameraName = DEFAULT_CAMERA) -> float:
     """Return the mean seconds of the probe in this process, after one run to warm up."""
     from cell.simulation.benchmark.accuracy import run_case
 
-    run_case((PROBE_TIER, PROBE_SEED))
+    run_case((PROBE_TIER, PROBE_SEED), camera)
     began_s = time.monotonic()
     for _ in range(PROBE_RUNS):
-        run_case((PROBE_TIER, PROBE_SEED))
+        run_case((PROBE_TIER, PROBE_SEED), camera)
     return (time.monotonic() - began_s) / PROBE_RUNS
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cell.camera.frame_averaging import median
 from cell.config.camera_config import SimulatedCamera
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.config.cell_config import CellSettings
 from cell.devices import View
 from cell.planning.viewpoints import plan_viewpoints
@@ -115,17 +117,18 @@ class ViewsSummary:
     """Error of the worst end, with eight views."""
 
 
-def run_views_case(tier_and_seed: tuple[str, int]) -> ViewsCase | None:
+def run_views_case(tier_and_seed: tuple[str, int], camera: CameraName = DEFAULT_CAMERA) -> ViewsCase | None:
     """Simulate the views of the default cell on the scene of a case, and recognise them as both scans do.
 
     Args:
         tier_and_seed: Name of one of `VIEWS_TIERS`, and seed of the case.
+        camera: Camera that sees the scene.
 
     Returns:
         The results, or None if a string lies outside the workspace of the default cell.
     """
     tier, seed = tier_and_seed
-    case = make_case(tier, seed)
+    case = make_case(tier, seed, camera)
     scan = _scan(case)
     if scan is None:
         return None
@@ -149,7 +152,11 @@ def run_views_case(tier_and_seed: tuple[str, int]) -> ViewsCase | None:
 
 
 def run_views_cases(
-    tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object]
+    tiers: Sequence[str],
+    seeds: int,
+    jobs: int,
+    on_done: Callable[[str], object],
+    camera: CameraName = DEFAULT_CAMERA,
 ) -> Iterator[ViewsCase | None]:
     """Yield the results of all cases, tier by tier and by seed, as `run_views_case` returns them.
 
@@ -158,9 +165,11 @@ def run_views_cases(
         seeds: Number of cases of each tier. Their seeds are 0, 1, ...
         jobs: Number of processes.
         on_done: Called with the tier of each case before its results are yielded.
+        camera: Camera that sees the scenes.
     """
     items = [(tier, seed) for tier in tiers for seed in range(seeds)]
-    for (tier, _), case in zip(items, map_in_processes(run_views_case, items, jobs), strict=True):
+    cases = map_in_processes(partial(run_views_case, camera=camera), items, jobs)
+    for (tier, _), case in zip(items, cases, strict=True):
         on_done(tier)
         yield case
 

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
+from cell.config.camera_names import CAMERA_NAMES, DEFAULT_CAMERA
 from service.cli.calibrate.parser import add_calibrate_commands
 from service.cli.commands.audit import add_audit_command
 from service.cli.commands.batch import add_batch_commands
@@ -70,7 +71,10 @@ def _parser() -> argparse.ArgumentParser:
         "--scene", default="figure-eight", help="name of the scene; an unknown name lists all (%(default)s)"
     )
     simulate.add_argument(
-        "--camera", default="ideal", help="name of the camera; an unknown name lists all (%(default)s)"
+        "--camera",
+        default=DEFAULT_CAMERA,
+        choices=CAMERA_NAMES,
+        help="camera. oak-d-pro, oak-d-sr and d435 match their depth in rendered images (%(default)s)",
     )
     _add_rendering_options(simulate)
     simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
@@ -103,7 +107,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     simulate.add_argument("--views", type=int, default=8, metavar="N", help="number of views (%(default)s)")
     simulate.add_argument(
-        "--resolution", type=_resolution, metavar="WxH", help="size of the depth image (the camera's own)"
+        "--resolution",
+        type=_resolution,
+        metavar="WxH",
+        help="size of the depth image, at least 32x20 (the camera's own)",
     )
     simulate.set_defaults(run=_simulate)
 
@@ -143,6 +150,12 @@ def _parser() -> argparse.ArgumentParser:
         "--tiers", type=_names, default=(), metavar="A,B", help="tiers to measure; an unknown name lists all (all)"
     )
     bench.add_argument("--jobs", type=int, metavar="N", help="processes of accuracy, grasps and views (one per core)")
+    bench.add_argument(
+        "--camera",
+        default=DEFAULT_CAMERA,
+        choices=CAMERA_NAMES,
+        help="camera of speed, accuracy, grasps and views (%(default)s)",
+    )
     add_json_option(bench, "one JSON document, with the result of each scene")
     bench.set_defaults(run=_bench)
 
@@ -150,6 +163,9 @@ def _parser() -> argparse.ArgumentParser:
         "demo", help="scan a simulated string, recognise it and show the result; needs no hardware"
     )
     demo.add_argument("folder", nargs="?", type=Path, default=Path("demo"), help="folder to write (%(default)s)")
+    demo.add_argument(
+        "--camera", default=DEFAULT_CAMERA, choices=CAMERA_NAMES, help="camera, as of simulate (%(default)s)"
+    )
     demo.set_defaults(run=_demo)
 
     openapi = commands.add_parser("openapi", help="print the OpenAPI description of the HTTP interface as JSON")
@@ -171,6 +187,9 @@ def _add_rendering_options(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument(
         "--ir-dots", type=float, default=0.0, metavar="SHARE", help="power of the dot projector, 0 to 1 (%(default)s)"
     )
+    simulate.add_argument(
+        "--no-image-cache", action="store_true", help="do not keep rendered images in the user's cache folder"
+    )
 
 
 def _resolution(text: str) -> tuple[int, int]:
@@ -186,12 +205,15 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from cell.config.camera_config import IMAGE_CACHE_BYTES
     from cell.config.rendering_options import RenderingOptions
-    from cell.simulation.offline_scan import simulate, write_simulation
+    from cell.simulation.offline_scan import refuse_existing, simulate, write_simulation
     from cell.simulation.rendering.depth_camera import camera_model
+    from cell.simulation.rendering.image_cache import ImageCache
     from cell.simulation.scenes.scenes import make_scene
 
     try:
+        refuse_existing(options.out)
         camera = camera_model(options.camera, options.resolution)
         scene = make_scene(
             options.scene,
@@ -205,7 +227,8 @@ def _simulate(options: argparse.Namespace) -> int:
             clearance=options.clearance,
         )
         rendering = RenderingOptions(options.sheath, options.table_top, options.ir_dots)
-        scan = simulate(scene, camera, options.seed, views=options.views, rendering=rendering)
+        cache = None if options.no_image_cache else ImageCache(IMAGE_CACHE_BYTES)
+        scan = simulate(scene, camera, options.seed, views=options.views, rendering=rendering, cache=cache)
         truth = write_simulation(scan, options.out)
     except ValueError as error:
         print(f"pointchain simulate: {error}", file=sys.stderr)
@@ -246,15 +269,16 @@ def _bench(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 2
-    from service.benchmark.command import bench
+    from service.benchmark.command import BenchOptions, bench
 
-    return bench(options.only, options.tiers, options.seeds, options.jobs, options.json)
+    chosen = BenchOptions(options.only, options.tiers, options.seeds, options.jobs, options.camera)
+    return bench(chosen, options.json)
 
 
 def _demo(options: argparse.Namespace) -> int:
     from service.cli.commands.demo import demo
 
-    return demo(options.folder)
+    return demo(options.folder, options.camera)
 
 
 def _openapi(options: argparse.Namespace) -> int:

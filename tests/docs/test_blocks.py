@@ -23,6 +23,7 @@ from typing import Any
 import pytest
 
 from cell.config.camera_config import SimulatedCamera
+from cell.config.camera_names import CameraName
 from service.config.loader import load_config
 from tests.cell.loopback import free_host
 from tests.docs import setting_up
@@ -81,6 +82,8 @@ NOT_COMPARED_HERE = {
     "docs/planner/events.md": "a part of a stream",
 }
 """Why outputs on a page are not compared with what is printed here, by page."""
+CAMERA: CameraName = "ideal"
+"""Camera of the cell, which takes less computing than the default. `make demo` is tested with the default."""
 CELL_COMMANDS = ("pointchain scan", "pointchain calibrate", "pointchain viewpoints", "curl")
 """Commands that use the cell. Their tests run one at a time with the other tests of the cell."""
 
@@ -137,10 +140,12 @@ class Runner:
         self._names: dict[str, Any] = {"__name__": "__main__"}
         self._environment = os.environ | {
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            "XDG_CACHE_HOME": str(folder / "cache"),
             "POINTCHAIN_DATA_DIR": str(folder / "data"),
             "POINTCHAIN_ARM__HOST": free_host(),
             "POINTCHAIN_ARM__TIME_FACTOR": "20",
             "POINTCHAIN_ARM__WATCHDOG_HZ": "1",
+            "POINTCHAIN_CAMERA__MODEL": CAMERA,
             "POINTCHAIN_CAMERA__FPS": "30",
             "POINTCHAIN_CAMERA__EXPOSURES": "1",
         }
@@ -210,7 +215,7 @@ def new_cell(serve: Serve, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 def default_cell(serve: Serve, data: Path) -> AbstractContextManager[LiveCell]:
     """Return a fast live cell with the scene and the errors of the default configuration, as readers have it."""
-    camera = SimulatedCamera()
+    camera = SimulatedCamera(model=CAMERA)
     return live_cell(serve, data, scene=camera.scene, seed=camera.seed, model=camera.model)
 
 

@@ -10,13 +10,13 @@ import pytest
 from cell.camera.camera import LiveCamera
 from cell.config.arm_config import SimulatedArm
 from cell.config.camera_config import SimulatedCamera
-from cell.config.camera_optics import CameraName
+from cell.config.camera_names import CameraName
 from cell.config.cell_config import CellSettings
 from cell.simulation.ur_controller.admin_client import AdminClient
 from tests.cell.loopback import free_host
 from tests.service.conftest import LONGEST_PAUSE_S, Serve, ServedClient, wait_until
 
-FAST: dict[str, Any] = {"fps": 30.0, "exposures": 1, "settle_s": 0.0}
+FAST: dict[str, Any] = {"fps": 30.0, "exposures": 1, "settle_s": 0.0, "image_cache_bytes": 0}
 SCAN = {"mode": "live", "string_radius_m": 0.0042}
 
 

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.simulation.benchmark.finding_counts import FindingCounts, ModelFindings, count_findings, model_findings
 from cell.simulation.benchmark.grasp_counts import GraspCounts, JudgedGrasps, count_grasps, judge_grasps
 from cell.simulation.benchmark.intervals import Interval, wilson_interval
@@ -73,13 +75,14 @@ class Summary:
     """Number of cases that recognition refused."""
 
 
-def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
+def run_case(tier_and_seed: tuple[str, int], camera: CameraName = DEFAULT_CAMERA) -> list[CaseResult]:
     """Simulate a case once, and recognise it by every method.
 
     An error of recognition is a result. Any other exception is raised with a note that names the case.
 
     Args:
         tier_and_seed: Name of the tier and seed of the case.
+        camera: Camera that sees the scene.
 
     Returns:
         One result for each of `METHODS`, in their order.
@@ -92,7 +95,7 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
     from recognition.request import RecognitionRequest
 
     tier, seed = tier_and_seed
-    case = make_case(tier, seed)
+    case = make_case(tier, seed, camera)
     scan, kind = simulate(case), kind_of(case.scene.name)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     results = []
@@ -124,7 +127,11 @@ def run_case(tier_and_seed: tuple[str, int]) -> list[CaseResult]:
 
 
 def run_cases(
-    tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object] | None = None
+    tiers: Sequence[str],
+    seeds: int,
+    jobs: int,
+    on_done: Callable[[str], object] | None = None,
+    camera: CameraName = DEFAULT_CAMERA,
 ) -> Iterator[CaseResult]:
     """Yield the results of all cases: tier by tier, by seed, and by method.
 
@@ -133,11 +140,13 @@ def run_cases(
         seeds: Number of cases of each tier. Their seeds are 0, 1, ...
         jobs: Number of processes.
         on_done: Function that is called with the tier of each case before its results are yielded.
+        camera: Camera that sees the scenes.
 
     Yields:
         One result for each case and method.
     """
-    for results in map_in_processes(run_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
+    items = [(tier, seed) for tier in tiers for seed in range(seeds)]
+    for results in map_in_processes(partial(run_case, camera=camera), items, jobs):
         if on_done is not None:
             on_done(results[0].tier)
         yield from results

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.simulation.benchmark.intervals import Interval, clustered_interval
 from cell.simulation.benchmark.worker_pool import map_in_processes
 from cell.simulation.grasp_physics.judgement import JudgedGrasp, judge_grasps
@@ -86,11 +88,12 @@ class GraspSummary:
     """Share of these that touch anything but the gripped strand with any of the errors."""
 
 
-def run_grasp_case(tier_and_seed: tuple[str, int]) -> GraspCase:
+def run_grasp_case(tier_and_seed: tuple[str, int], camera: CameraName = DEFAULT_CAMERA) -> GraspCase:
     """Simulate the scan of a case, recognise it by `graph`, and judge its grasps for the default gripper.
 
     Args:
         tier_and_seed: Name of the tier and seed of the case.
+        camera: Camera that sees the scene.
     """
     from cell.simulation.cases import make_case, simulate
     from recognition.errors import RecognitionError
@@ -99,7 +102,7 @@ def run_grasp_case(tier_and_seed: tuple[str, int]) -> GraspCase:
     from recognition.request import RecognitionRequest
 
     tier, seed = tier_and_seed
-    case = make_case(tier, seed)
+    case = make_case(tier, seed, camera)
     scan = simulate(case)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     try:
@@ -129,7 +132,11 @@ def simulated_ranks(count: int) -> list[int]:
 
 
 def run_grasp_cases(
-    tiers: Sequence[str], seeds: int, jobs: int, on_done: Callable[[str], object] | None = None
+    tiers: Sequence[str],
+    seeds: int,
+    jobs: int,
+    on_done: Callable[[str], object] | None = None,
+    camera: CameraName = DEFAULT_CAMERA,
 ) -> Iterator[GraspCase]:
     """Yield the results of all cases, tier by tier and by seed.
 
@@ -138,8 +145,10 @@ def run_grasp_cases(
         seeds: Number of cases of each tier. Their seeds are 0, 1, ...
         jobs: Number of processes.
         on_done: Function that is called with the tier of each case before its result is yielded.
+        camera: Camera that sees the scenes.
     """
-    for case in map_in_processes(run_grasp_case, [(tier, seed) for tier in tiers for seed in range(seeds)], jobs):
+    items = [(tier, seed) for tier in tiers for seed in range(seeds)]
+    for case in map_in_processes(partial(run_grasp_case, camera=camera), items, jobs):
         if on_done is not None:
             on_done(case.tier)
         yield case

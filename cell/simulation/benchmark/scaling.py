@@ -2,8 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import log
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.simulation.benchmark.speed import (
     CROSSINGS,
     SMALL,
@@ -64,27 +66,33 @@ class Growth:
         return {name: is_linear(rows) for name, rows in vars(self).items()}
 
 
-def measure_growth(on_progress: Callable[[str], object]) -> Growth:
-    """Measure the three series. `on_progress` is called with a progress message before each series."""
-    thumbnail = simulated_input(THUMBNAIL, crossings=CROSSINGS)
+def measure_growth(on_progress: Callable[[str], object], camera: CameraName = DEFAULT_CAMERA) -> Growth:
+    """Measure the three series.
 
-    def series(name: str, sizes: Sequence[float], simulated: Callable[[int], Input]) -> tuple[Row, ...]:
+    Args:
+        on_progress: Called with a progress message before each series.
+        camera: Camera that sees the scenes.
+    """
+    simulated = partial(simulated_input, camera=camera)
+    thumbnail = simulated(THUMBNAIL, crossings=CROSSINGS)
+
+    def series(name: str, sizes: Sequence[float], make_input: Callable[[int], Input]) -> tuple[Row, ...]:
         on_progress(f"growth with {name}: {', '.join(f'{size:g}' for size in sizes)}")
         # The scans are simulated in this process, so that the time_inputs process only recognises.
-        inputs = [simulated(k) for k in range(len(sizes))]
+        inputs = [make_input(k) for k in range(len(sizes))]
         return make_rows(sizes, run_in_fresh_process(time_inputs, inputs, thumbnail))
 
     return Growth(
         points=series(
             "pixels per view",
             [float(width * height) for width, height in RESOLUTIONS],
-            lambda k: simulated_input(RESOLUTIONS[k], crossings=CROSSINGS),
+            lambda k: simulated(RESOLUTIONS[k], crossings=CROSSINGS),
         ),
-        views=series("views", VIEWS, lambda k: simulated_input(SMALL, views=VIEWS[k], crossings=CROSSINGS)),
+        views=series("views", VIEWS, lambda k: simulated(SMALL, views=VIEWS[k], crossings=CROSSINGS)),
         length=series(
             "length",
             LENGTHS_M,
-            lambda k: simulated_input(SMALL, scene="long", distance_m=DISTANCE_M, length_m=LENGTHS_M[k]),
+            lambda k: simulated(SMALL, scene="long", distance_m=DISTANCE_M, length_m=LENGTHS_M[k]),
         ),
     )
 

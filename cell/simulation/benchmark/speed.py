@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.devices import View
 from cell.simulation.benchmark.memory import current_rss_bytes, peak_rss_bytes
 from cell.simulation.benchmark.worker_pool import run_in_fresh_process
@@ -20,8 +21,6 @@ from recognition.request import RecognitionRequest
 
 SCENE, SEED, CROSSINGS = "random", 2, 2
 """Name, seed and number of crossings of the timed scene. As in the paper, it has one string of 0.4 m, r = 4.2 mm."""
-CAMERA = "ideal"
-"""Name of the camera model."""
 SMALL, LARGE, THUMBNAIL = (640, 400), (1280, 800), (320, 200)
 """Width and height of the depth images of the small and the large input, and of the warm-up."""
 RUNS = 7
@@ -89,6 +88,7 @@ def simulated_input(
     scene: str = SCENE,
     seed: int = SEED,
     distance_m: float | None = None,
+    camera: CameraName = DEFAULT_CAMERA,
     **options: Any,
 ) -> Input:
     """Simulate the views of a scene.
@@ -100,6 +100,7 @@ def simulated_input(
         seed: Seed of the scene and of the scan.
         distance_m: Distance of the camera from the middle of the scene. None means the smallest distance
             within the working range of the camera from which each view shows the whole scene.
+        camera: Camera that sees the scene.
         **options: Options of `cell.simulation.scenes.scenes.make_scene`.
 
     Returns:
@@ -110,18 +111,24 @@ def simulated_input(
     from cell.simulation.scenes.scenes import make_scene
 
     string_scene = make_scene(scene, seed, **options)
-    camera = camera_model(CAMERA, resolution)
+    model = camera_model(camera, resolution)
     if distance_m is not None:
-        camera = replace(camera, working_m=(distance_m, distance_m))
-    scan = simulate(string_scene, camera, seed, views=views)
+        model = replace(model, working_m=(distance_m, distance_m))
+    scan = simulate(string_scene, model, seed, views=views)
     table_scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     return Input(scan.views, string_scene.radius_m, table_scene)
 
 
-def measure_speed(on_progress: Callable[[str], object]) -> Speed:
-    """Measure all times and the memory. `on_progress` is called with a progress message before each measurement."""
+def measure_speed(on_progress: Callable[[str], object], camera: CameraName = DEFAULT_CAMERA) -> Speed:
+    """Measure all times and the memory.
+
+    Args:
+        on_progress: Called with a progress message before each measurement.
+        camera: Camera that sees the scenes.
+    """
     on_progress("speed: simulating the scans")
-    thumbnail, small, large = (simulated_input(size, crossings=CROSSINGS) for size in (THUMBNAIL, SMALL, LARGE))
+    sizes = (THUMBNAIL, SMALL, LARGE)
+    thumbnail, small, large = (simulated_input(size, camera=camera, crossings=CROSSINGS) for size in sizes)
     on_progress("speed: 8 views at 640x400 and 1280x800")
     small_timing, large_timing = run_in_fresh_process(time_recognition, [small, large], thumbnail)
     on_progress("speed: after the last view")

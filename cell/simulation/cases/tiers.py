@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.simulation.cases.case import Case, TierError
 from cell.simulation.cases.clutter_tier import draw_clutter
 from cell.simulation.cases.crowded_tiers import draw_crowded
@@ -15,6 +16,7 @@ from cell.simulation.cases.lifted_tier import draw_lifted
 from cell.simulation.cases.mixed_tier import draw_mixed
 from cell.simulation.cases.noise_tiers import draw_noisy
 from cell.simulation.cases.thin_tier import draw_thin
+from cell.simulation.cases.tier_camera import with_camera
 from cell.simulation.cases.tight_tier import draw_knots
 from cell.simulation.scenes.scenes import SceneError
 
@@ -54,7 +56,7 @@ _MAX_DRAWS = 20
 """Maximum number of scenes that are drawn for a case until one can be laid."""
 
 
-def make_case(tier: str, seed: int) -> Case:
+def make_case(tier: str, seed: int, camera: CameraName = DEFAULT_CAMERA) -> Case:
     """Draw the case of a tier and a seed. The same arguments give the same case.
 
     - `paper`: one string of 0.4 m, r = 4.2 mm, 0 to 2 crossings.
@@ -98,6 +100,7 @@ def make_case(tier: str, seed: int) -> Case:
     Args:
         tier: One of `TIERS`.
         seed: Seed of the case, 0 or more.
+        camera: Camera that sees the scene. The tiers `measured`, `speckle` and `noise` keep their cameras.
 
     Returns:
         The case.
@@ -115,7 +118,7 @@ def make_case(tier: str, seed: int) -> Case:
     for draw in range(_MAX_DRAWS):
         rng = np.random.default_rng([number, seed, draw])
         try:
-            return draw_case(tier, seed, rng)
+            return with_camera(draw_case(tier, seed, rng), camera)
         except SceneError as error:
             reason = error
     raise TierError(

@@ -10,6 +10,7 @@ from calibration.geometry.transforms import inverse
 from cell.simulation.devices.world import SimulatedWorld
 from cell.simulation.rendering.calibration_board import Print
 from cell.simulation.rendering.depth_camera import CameraImages, DepthCamera, ImageContent, StillView
+from cell.simulation.rendering.image_cache import ImageCache
 from cell.simulation.rendering.image_renderer import develop
 from cell.simulation.rendering.intensity_image import PictureCamera, lighting
 from cell.simulation.rendering.lighting import LIGHT_STREAM
@@ -29,12 +30,17 @@ class FrameSource:
     per pose.
     """
 
-    def __init__(self, world: SimulatedWorld) -> None:
-        """Prepare the scene of the world for ray casting."""
+    def __init__(self, world: SimulatedWorld, cache: ImageCache | None = None) -> None:
+        """Prepare the scene of the world for ray casting.
+
+        Args:
+            world: Table and camera.
+            cache: Keeps rendered images between runs; None: they are not kept.
+        """
         import_open3d()
         self.world = world
         content = ImageContent(world.rendering, self._print())
-        self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed, content)
+        self._camera = DepthCamera(world.camera, world.scene, world.bias_px, world.seed, content, cache)
         self._depth_rng = np.random.default_rng([world.seed, _EXPOSURE_STREAM])
         self._depth_pose = np.zeros((4, 4))
         self._still_view: StillView | StillPair | None = None

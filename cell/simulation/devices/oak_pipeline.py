@@ -19,6 +19,7 @@ from cell.errors import CameraLostError, CameraUnreachableError
 from cell.simulation.devices.flange_pose import PoseSource
 from cell.simulation.devices.frame_source import FrameSource, import_open3d
 from cell.simulation.devices.world import SimulatedWorld
+from cell.simulation.rendering.image_cache import ImageCache
 
 log = logging.getLogger(__name__)
 
@@ -174,7 +175,8 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
             f"the simulated camera cannot read the flange pose from the arm's controller: {error}"
         ) from error
     model = world.camera
-    imager = SimulatedImager(FrameSource(world), pose, settings.frame_rate)
+    frames = FrameSource(world, ImageCache(settings.image_cache_bytes))
+    imager = SimulatedImager(frames, pose, settings.frame_rate)
     # The images are those of the left camera, which is the reference of a stereo pair.
     extrinsics = dai.Extrinsics(np.eye(4).tolist(), dai.CameraBoardSocket.CAM_B)
     view = dai.ImgTransformation(

@@ -61,7 +61,10 @@ class Print:
 
     def __init__(self, board: Board, T_scene_board: NDArray[np.float64]) -> None:
         """Create the print. Its images are made when a view needs them, at the resolution that the view needs."""
-        self._board, self._T_scene_board = board, T_scene_board
+        self.board = board
+        """Printed board."""
+        self.T_scene_board = T_scene_board
+        """(4, 4) pose of the board in the scene."""
         self._pictures: dict[int, tuple[NDArray[np.uint8], NDArray[np.float64]]] = {}
 
     def seen(
@@ -83,8 +86,8 @@ class Print:
         rows = slice(max(int(v[0]) - 1, 0), min(int(v[-1]) + 2, on_plate.shape[0]))
         columns = slice(max(int(u[0]) - 1, 0), min(int(u[-1]) + 2, on_plate.shape[1]))
         size = np.array([columns.stop - columns.start, rows.stop - rows.start])
-        H_image_board = K @ (inverse(T_scene_camera) @ self._T_scene_board)[:3, [0, 1, 3]]
-        pixels, H_picture_board = self._picture(SAMPLES * _pixels_per_m(H_image_board, _middle(self._board)))
+        H_image_board = K @ (inverse(T_scene_camera) @ self.T_scene_board)[:3, [0, 1, 3]]
+        pixels, H_picture_board = self._picture(SAMPLES * _pixels_per_m(H_image_board, _middle(self.board)))
         # integer coordinates are centres of pixels and of samples; the first sample is before the centre of its pixel
         first = np.array([columns.start, rows.start]) + 0.5 / SAMPLES - 0.5
         H_image_sample = np.array([[1 / SAMPLES, 0, first[0]], [0, 1 / SAMPLES, first[1]], [0, 0, 1]])
@@ -103,10 +106,10 @@ class Print:
 
         The image has a white and a black channel and at least the given resolution.
         """
-        least = pixels_per_m * self._board.pitch_m
+        least = pixels_per_m * self.board.pitch_m
         per_pitch = min(2 ** max(int(np.ceil(np.log2(least))), 0), FINEST)
         if per_pitch not in self._pictures:
-            picture = render_board(self._board, per_pitch, MARGIN_PITCHES)
+            picture = render_board(self.board, per_pitch, MARGIN_PITCHES)
             scale, (x, y) = picture.pixels_per_m, picture.origin_px
             H_picture_board = np.array([[scale, 0, x], [0, scale, y], [0, 0, 1]])
             self._pictures[per_pitch] = np.dstack([picture.pixels, 255 - picture.pixels]), H_picture_board

@@ -19,9 +19,11 @@ from cell.config.camera_preset import DISPARITY_STEP, CameraPreset, is_preset_pa
 from cell.config.rendering_options import RenderingOptions, TableTop
 from cell.simulation.rendering.appearance import appearance_of_seed
 from cell.simulation.rendering.calibration_board import Print
+from cell.simulation.rendering.image_cache import ImageCache, image_key
 from cell.simulation.rendering.image_renderer import ImageRenderer, Scenery
 from cell.simulation.rendering.lighting import LIGHT_STREAM, draw_lamp
 from cell.simulation.rendering.materials import Materials
+from cell.simulation.rendering.meshes import scene_meshes
 from cell.simulation.rendering.ray_caster import RayCaster
 from cell.simulation.rendering.stereo_camera import StereoCamera, StereoPair, StillPair
 from cell.simulation.rendering.stereo_matching import StereoMatching
@@ -90,6 +92,10 @@ class CameraModel:
 _MEASURED: dict[str, Any] = {"warp_px": 0.3, "edge_hole_share": 0.15, "flicker_share": 0.25, "patches": 1.0}
 """Errors of real OAK-D cameras: a warp of some tenths of a pixel, 10 to 19 % holes within 8 pixels of a rim, 2 to 9 %
 of all pixels flickering, and patches of up to 10 pixels on weak texture."""
+_MIN_WIDTH = 32
+"""Smallest width of a depth image, pixels."""
+_MIN_HEIGHT = 20
+"""Smallest height of a depth image, pixels."""
 
 
 def _preset(name: CameraName, noise: StereoNoise | None) -> CameraModel:
@@ -151,10 +157,10 @@ def camera_model(name: str, resolution: tuple[int, int] | None = None) -> Camera
     width, height = resolution
     max_width, max_height = model.sensor
     aspect = model.height / model.width
-    if not (32 <= width <= max_width and 20 <= height <= min(max_height, width * aspect)):
+    if not (_MIN_WIDTH <= width <= max_width and _MIN_HEIGHT <= height <= min(max_height, width * aspect)):
         raise CameraModelError(
-            f"{name} has no depth image of {width}x{height}; up to {max_width}x{max_height}, no higher than "
-            f"{aspect:.3f} of the width"
+            f"{name} has no depth image of {width}x{height}; choose a size from {_MIN_WIDTH}x{_MIN_HEIGHT} to "
+            f"{max_width}x{max_height}, no higher than {aspect:.3f} of the width"
         )
     scale = width / model.width
     scaled = replace(model, focal_px=model.focal_px * scale, width=width, height=height)
@@ -270,6 +276,7 @@ class DepthCamera:
         bias_px: float = 0.0,
         device_seed: int = 0,
         content: ImageContent | None = None,
+        cache: ImageCache | None = None,
     ) -> None:
         """Build the scene for ray casting.
 
@@ -279,6 +286,7 @@ class DepthCamera:
             bias_px: Disparity error of the session, pixels.
             device_seed: Seed of the device's errors, and of light and materials in rendered images.
             content: What rendered images show, or None for the defaults.
+            cache: Keeps rendered images between runs; None: they are not kept.
 
         Raises:
             RenderingOptionsError: The camera does not have the options of the content.
@@ -288,6 +296,7 @@ class DepthCamera:
         self._scene = scene
         self._device_seed = device_seed
         self._content = ImageContent() if content is None else content
+        self._cache = cache
         has_dots = model.stereo is not None and model.stereo.has_dots
         self._content.options.check(model.name, model.stereo is not None, has_dots)
         self._warp = None
@@ -326,6 +335,33 @@ class DepthCamera:
         other.model = replace(self.model, stereo=pair)
         other._stereo = self._stereo.with_matching(matching, noise_factor)
         return other
+
+    @cached_property
+    def _scene_key(self) -> str:
+        """Hash of what rendered images from all poses depend on."""
+        board = self._content.board
+        options = self._content.options
+        parts: list[NDArray[np.generic] | str | float | None] = [self.strings, *self._scene.curves]
+        for vertices, triangles in scene_meshes(self._scene):
+            parts += [vertices, triangles]
+        parts += [self.model.K, self.model.width, self.model.height, repr(self.model.stereo)]
+        parts += [
+            self.bias_px,
+            self._device_seed,
+            repr(appearance_of_seed(self.model.complete(options), self._device_seed)),
+            options.ir_dots,
+        ]
+        if board is not None:
+            parts += [repr(board.board), board.T_scene_board]
+        return image_key(*parts)
+
+    def _rendered_pair(self, T_base_camera: NDArray[np.float64], with_dots: bool) -> StillPair:
+        """Return both images from a pose, from the cache if they are there."""
+        if self._cache is None:
+            return self._stereo.render(T_base_camera, with_dots)
+        key = image_key(self._scene_key, T_base_camera, with_dots)
+        shape = (self.model.height, self.model.width)
+        return self._cache.get(key, shape, lambda: self._stereo.render(T_base_camera, with_dots))
 
     def render(self, T_base_camera: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the exact depth (H, W) and the index of the string in each pixel (H, W).
@@ -371,14 +407,12 @@ class DepthCamera:
             T_base_camera: Camera pose (4, 4) in the scene.
             rng: Generator of the noise.
         """
-<<<<<<< HEAD
         still = self.still_view(T_base_camera, rng)
         if not isinstance(still, StillPair):
             return CameraImages(self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE)), None)
         exposures = [self.expose_images(still, rng) for _ in range(EXPOSURES)]
         left_images = [exposure.intensity for exposure in exposures if exposure.intensity is not None]
         return CameraImages(median([exposure.depth for exposure in exposures]), mean_image(left_images))
-=======
         return self.combine(self.still_view(T_base_camera, rng), rng)
 
     def combine(self, still: StillView | StillPair, rng: np.random.Generator) -> NDArray[np.uint16]:
@@ -391,7 +425,6 @@ class DepthCamera:
         if isinstance(still, StillPair):
             return median([self.expose(still, rng) for _ in range(EXPOSURES)])
         return self._counts(self._noisy(still, rng, MEDIAN_OF_FIVE))
->>>>>>> 76a480d10e66c121e835b55676225c9a9280f288
 
     def still_view(
         self, T_base_camera: NDArray[np.float64], rng: np.random.Generator, with_dots: bool = True
@@ -404,7 +437,7 @@ class DepthCamera:
             with_dots: Whether the dot projector is on, if it has power.
         """
         if self.model.stereo is not None:
-            return self._stereo.render(T_base_camera, with_dots)
+            return self._rendered_pair(T_base_camera, with_dots and self._content.options.ir_dots > 0)
         depth, string = self.render(T_base_camera)
         if self.model.noise is None:
             return StillView(depth, None)

@@ -164,9 +164,12 @@ class ImageRenderer:
         if shift is not None:
             columns -= np.kron(shift.columns[rows], np.ones((_SAMPLES, _SAMPLES), dtype=np.float32))
             lines -= np.kron(shift.rows[rows], np.ones((_SAMPLES, _SAMPLES), dtype=np.float32))
-        pixels = np.stack([columns.ravel(), lines.ravel(), np.ones(columns.size, dtype=np.float32)], axis=-1)
-        to_scene = T[:3, :3] @ np.linalg.inv(self.K)
-        return pixels @ to_scene.T.astype(np.float32)
+        to_scene = (T[:3, :3] @ np.linalg.inv(self.K)).astype(np.float32)
+        # A product of matrices would start threads of the linear algebra library, which wait for busy cores.
+        directions = np.multiply(columns[..., None], to_scene[:, 0], dtype=np.float32)
+        directions += lines[..., None] * to_scene[:, 1]
+        directions += to_scene[:, 2]
+        return directions.reshape(-1, 3)
 
 
 def _shifted(share: NDArray[np.float32], seen: SeenPrint, shift: PixelShift | None) -> NDArray[np.float32]:

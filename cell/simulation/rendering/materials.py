@@ -1,9 +1,11 @@
 """Reflectance of the surfaces of a scene."""
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cell.simulation.rendering.appearance import Appearance, sheath_texture, table_texture
+from cell.simulation.rendering.appearance import Appearance, Texture, sheath_texture, table_texture
 from cell.simulation.rendering.meshes import TUBE_SIDES
 from cell.simulation.rendering.ray_caster import Hits
 from cell.simulation.scenes.scenes import StringScene
@@ -21,29 +23,36 @@ class Materials:
     """Surfaces of a scene, with textured strings, table and clutter."""
 
     def __init__(self, scene: StringScene, appearance: Appearance, seed: int) -> None:
-        """Draw the textures.
+        """Create the materials. The textures are drawn when they are first needed, because this takes time.
 
         Args:
             scene: Scene whose meshes the rays hit.
             appearance: Materials.
             seed: Seed of the textures.
         """
-        rng = np.random.default_rng([seed, _TEXTURE_STREAM])
-        self._table = table_texture(appearance, rng)
-        self._sheath = sheath_texture(appearance, rng)
+        self._appearance = appearance
+        self._seed = seed
         self._clutter_share = CLUTTER / appearance.table_reflectance
         self._radii_m = scene.radii_m
         self._arc_lengths = [_arc_length(curve) for curve in scene.curves]
 
+    @cached_property
+    def _textures(self) -> tuple[Texture, Texture]:
+        """Textures of the table and of the sheath."""
+        rng = np.random.default_rng([self._seed, _TEXTURE_STREAM])
+        table = table_texture(self._appearance, rng)
+        return table, sheath_texture(self._appearance, rng)
+
     def reflectance(self, hits: Hits) -> NDArray[np.float32]:
         """Return the reflectance (N,) of the surface of each hit, 0 without a hit."""
         strings = len(self._arc_lengths)
+        table, _ = self._textures
         values = np.zeros(len(hits.part), dtype=np.float32)
         flat = hits.part >= strings
         x = hits.points[flat, 0]
         y = hits.points[flat, 1]
         # the height shifts the texture on the sides of objects, where x and y stay the same
-        values[flat] = self._table.at(x, y + hits.points[flat, 2])
+        values[flat] = table.at(x, y + hits.points[flat, 2])
         values[hits.part > strings] *= np.float32(self._clutter_share)
         for number in range(strings):
             on_string = hits.part == number
@@ -71,7 +80,8 @@ class Materials:
         end = arc_length[ring + 1]
         u = start + along * (end - start)
         v = (face % TUBE_SIDES + around) * (2 * np.pi * self._radii_m[number] / TUBE_SIDES) + number * _NEXT_STRING_M
-        return self._sheath.at(u.astype(np.float32), v.astype(np.float32))
+        _, sheath = self._textures
+        return sheath.at(u.astype(np.float32), v.astype(np.float32))
 
 
 def _arc_length(curve: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
+from cell.config.camera_names import DEFAULT_CAMERA, CameraName
 from cell.config.cell_config import CellSettings
 from cell.control.cell import Cell
 from cell.errors import CellError
@@ -25,6 +27,7 @@ from cell.simulation.evaluation.metrics import score
 from cell.simulation.offline_scan import truth_path
 from recognition.model.grasps import Grasp
 from recognition.model.model import PointChainModel
+from recognition.request import RecognitionRequest
 from service.cli.commands.scan import ScanOptions, take_scan
 from service.processing.reach_finder import ReachFinder
 from service.processing.results import recognise_recording, write_preview, write_results
@@ -38,11 +41,12 @@ MAKEFILE = Path(__file__).resolve().parents[3] / "Makefile"
 """Exists in a source checkout, and not beside an installed package."""
 
 
-def demo(folder: Path) -> int:
+def demo(folder: Path, camera: CameraName = DEFAULT_CAMERA) -> int:
     """Scan with the simulated cell, recognise the recording, and print the result and the next steps.
 
     Args:
         folder: Where the recording, the results and the pictures go. The files of an earlier demo are replaced.
+        camera: Simulated camera.
 
     Returns:
         The exit code: 0 when the model has the true topology; 1 when it has not, or when the scan failed.
@@ -56,10 +60,12 @@ def demo(folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     recording, _, results, trace = files
 
-    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR))
+    simulated = SimulatedCamera(model=camera)
+    settings = CellSettings(arm=SimulatedArm(time_factor=TIME_FACTOR), camera=simulated)
+    request = RecognitionRequest(radius_m=simulated.string_radius_m)
     try:
         with closing(Cell(settings)) as cell, closing(RecognitionWorker()) as worker:
-            take_scan(cell, worker, ScanOptions(recording), _report, threading.Event())
+            take_scan(cell, worker, ScanOptions(recording, request), _report, threading.Event())
             status = cell.status
     except (CellError, TaskFailedError) as error:
         # the simulated cell has no faults, but a machine that is too busy exceeds the timeouts

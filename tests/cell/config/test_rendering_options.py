@@ -20,7 +20,7 @@ def test_options_are_configured_for_cameras_with_rendered_images() -> None:
     ("settings", "message"),
     [
         ({"model": "ideal", "sheath": "woven"}, "sheath cannot be set for ideal, which renders no images"),
-        ({"table_top": "bare", "ir_dots": 0.2}, "table_top and ir_dots cannot be set for ideal"),
+        ({"model": "ideal", "table_top": "bare", "ir_dots": 0.2}, "table_top and ir_dots cannot be set for ideal"),
         ({"model": "exact", "ir_dots": 0.2}, "ir_dots cannot be set for exact"),
         ({"model": "oak-d-sr", "ir_dots": 0.2}, "ir_dots is 0.2, but oak-d-sr has no dot projector"),
         ({"model": "oak-d-pro", "ir_dots": 1.1}, "less than or equal to 1"),
@@ -40,6 +40,7 @@ def test_a_power_out_of_range_is_rejected() -> None:
 def test_only_rendered_images_need_time() -> None:
     assert SimulatedCamera(model="oak-d-sr").rendering_s > 3
     assert SimulatedCamera(model="ideal").rendering_s == 0
+    assert SimulatedCamera().rendering_s > 0, "the default renders"
     assert OakCamera(kind="oak").rendering_s == 0
 
 

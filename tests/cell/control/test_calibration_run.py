@@ -77,7 +77,7 @@ def settings_with(folder: Path, **hand_eye: Any) -> CellSettings:
     """Return the settings of a fast simulated cell."""
     return CellSettings(
         arm=SimulatedArm(time_factor=20.0, watchdog_hz=1.0),
-        camera=SimulatedCamera(fps=30.0, settle_s=0.0, exposures=2),
+        camera=SimulatedCamera(model="ideal", fps=30.0, settle_s=0.0, exposures=2),
         hand_eye=HandEyeSettings(folder=folder, **hand_eye),
     )
 

@@ -264,7 +264,7 @@ def test_the_controller_carries_out_the_grasps(controller: RunningController) ->
 @pytest.mark.parametrize("seed", range(3))
 def test_the_controller_carries_out_all_grasps_of_a_scene(controller: RunningController, tier: str, seed: int) -> None:
     """Recognise a scene, lay it into the default cell, and carry out each grasp that is reachable."""
-    scan = simulate(make_case(tier, seed))
+    scan = simulate(make_case(tier, seed, "ideal"))
     grasps = recognise(
         scan.views, RecognitionRequest(radius_m=scan.header.string_radius_m or R_M), Scene(0.0, scan.header.workspace_m)
     ).model.grasps

@@ -56,7 +56,7 @@ def written_hand_eye(folder: Path) -> Path:
     return path
 
 
-EXACT = CellSettings(camera=SimulatedCamera(errors=0.0))
+EXACT = CellSettings(camera=SimulatedCamera(model="ideal", errors=0.0))
 
 
 @cache

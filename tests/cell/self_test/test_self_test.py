@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from cell.config.arm_config import SimulatedArm
+from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.errors import RobotNotReadyError
 from cell.self_test.check_result import CheckResult, failed
@@ -33,7 +34,8 @@ def hand_eye_file(tmp_path: Path) -> Path:
 def test_a_whole_simulated_cell_passes_and_nothing_moves() -> None:
     host = free_host()
     steps, log = [], []
-    for step in check_cell(CellSettings(arm=SimulatedArm(host=host))):
+    settings = CellSettings(arm=SimulatedArm(host=host), camera=SimulatedCamera(image_cache_bytes=0))
+    for step in check_cell(settings):
         steps.append(step)
         if step.name == "viewpoints":
             with closing(AdminClient(host)) as admin:
@@ -64,7 +66,7 @@ def assert_gone(host: str) -> None:
 
 def test_an_interrupted_self_test_leaves_no_process() -> None:
     host = free_host()
-    steps = check_cell(CellSettings(arm=SimulatedArm(host=host)))
+    steps = check_cell(CellSettings(arm=SimulatedArm(host=host), camera=SimulatedCamera(model="ideal")))
     assert isinstance(steps, Generator)
     assert next(step for step in steps if step.name == "controller").outcome == "ok"
     with closing(AdminClient(host)) as admin:

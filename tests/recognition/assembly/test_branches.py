@@ -148,7 +148,7 @@ def test_ends_with_a_visible_gap_between_them_are_not_touching() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3, 5])
 def test_each_joint_of_a_harness_has_a_doubt(seed: int) -> None:
-    case = make_case("branches", seed)
+    case = make_case("branches", seed, "ideal")
     scan = simulate(case)
     model = recognise(
         scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)
@@ -165,7 +165,7 @@ def test_each_joint_of_a_harness_has_a_doubt(seed: int) -> None:
 @pytest.mark.parametrize("seed", [0, 2, 4, 6, 17, 23])
 def test_ends_near_other_strands_are_right_and_free(seed: int) -> None:
     # End to end, beyond a strand under it, beside a strand, and at the own side.
-    case = make_case("ends", seed)
+    case = make_case("ends", seed, "ideal")
     scan = simulate(case)
     model = recognise(
         scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)

@@ -31,7 +31,7 @@ Error = NDArray[np.float64]
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
     """A string on a table, seen by a camera without a warp."""
-    return simulate(make_case("paper", 4))
+    return simulate(make_case("paper", 4, "ideal"))
 
 
 def with_error(view: View, inverse_depth: Error) -> View:

@@ -10,6 +10,7 @@ import pytest
 from calibration.geometry.se3 import twist_from_pose
 from calibration.geometry.transforms import from_rotation_vector, inverse
 from calibration.verification.drift import ScanLikelihood, judge_drift
+from cell.config.camera_config import SimulatedCamera
 from cell.config.cell_config import CellSettings
 from cell.devices import View
 from cell.planning.viewpoints import ViewpointPlan, plan_viewpoints
@@ -34,7 +35,7 @@ PRIOR_COVARIANCE = np.diag(np.repeat([PoseSigmas().hand_eye_rad, PoseSigmas().ha
 @cache
 def default_cell() -> tuple[SimulatedWorld, ViewpointPlan, Scene]:
     """The default simulated cell, with the robot and hand-eye errors of a good one."""
-    settings = CellSettings()
+    settings = CellSettings(camera=SimulatedCamera(model="ideal"))
     world = simulated_world(settings)
     plan = plan_viewpoints(settings, world.nominal_T_flange_camera, None)
     return world, plan, Scene(settings.mounting.table_z_m, settings.workspace_m)

@@ -5,7 +5,7 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from recognition.preprocessing.normals import NormalCloud
-from recognition.registration.pose_prior import N_SHARED, PoseSigmas, pose_prior, twist_about
+from recognition.registration.pose_prior import N_DISPARITY, N_SHARED, PoseSigmas, pose_prior, twist_about
 
 CENTRE = np.array([0.05, -0.02, 0.005])
 SIGMAS = PoseSigmas()
@@ -44,8 +44,8 @@ def drawn(rng: np.random.Generator, poses: list[np.ndarray]) -> tuple[np.ndarray
 def test_drawn_errors_spread_as_the_prior_predicts() -> None:
     poses = ring(5)
     prior = pose_prior([cloud_at(k, T) for k, T in enumerate(poses)], CENTRE, SIGMAS)
-    # Without the disparity offset, which was not drawn.
-    only_poses = np.delete(np.delete(prior.information, -1, axis=0), -1, axis=1)
+    # Without the disparity error, which was not drawn.
+    only_poses = prior.information[:-N_DISPARITY, :-N_DISPARITY]
     covariance = np.linalg.inv(only_poses)[: 6 * 5, : 6 * 5]
     rng = np.random.default_rng(0)
     drawn_twists = np.array([drawn(rng, poses)[0].ravel() for _ in range(600)])
@@ -71,8 +71,8 @@ def test_the_hand_eye_error_is_found_from_its_twists() -> None:
     found = -np.linalg.solve(information, gradient)
     # Eight views at 1 mrad and 0.3 mm against a prior of 1.5 mrad and 0.4 mm: the prior keeps 1 part in 20. The
     # disparity offset may explain some of the shift along the line of sight.
-    np.testing.assert_allclose(found[-7:-4], hand_eye[:3], rtol=0, atol=0.0003)
-    np.testing.assert_allclose(found[-4:-2], hand_eye[3:5], rtol=0, atol=0.0002)
+    np.testing.assert_allclose(found[-9:-6], hand_eye[:3], rtol=0, atol=0.0003)
+    np.testing.assert_allclose(found[-6:-4], hand_eye[3:5], rtol=0, atol=0.0002)
 
 
 def test_table_alignment_informs_the_rest_of_the_pose() -> None:
@@ -113,9 +113,47 @@ def test_the_disparity_offset_moves_points_along_the_line_of_sight() -> None:
     # Measured depths are too large by b times their square: the plane at 0.5 m is 0.25 b too low and must be raised.
     (D, _) = prior.robot_errors[0]
     to_camera = D[:, :6] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3)[:, None]
-    twist = -np.linalg.solve(to_camera, D[:, -1] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3))
+    twist = -np.linalg.solve(to_camera, D[:, -N_DISPARITY] * np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3))
     np.testing.assert_allclose(twist[5], 0.25, rtol=1e-6)
     np.testing.assert_allclose(twist[[0, 1, 2, 3, 4]], 0.0, rtol=0, atol=1e-9)
+
+
+def test_a_disparity_slope_tilts_what_the_camera_sees() -> None:
+    T = from_rotation_vector(CENTRE + np.array([0, 0, 0.5]), (np.pi, 0, 0))
+    prior = pose_prior([cloud_at(0, T)], CENTRE, SIGMAS)
+    (D, _) = prior.robot_errors[0]
+    sigma = np.repeat([SIGMAS.robot_rad, SIGMAS.robot_m], 3)
+    twists = -np.linalg.solve(D[:, :6] * sigma[:, None], D[:, -2:] * sigma[:, None])
+    # A unit slope moves a point at the depth z beside the axis by x z: the plane tilts by z. The camera is turned, so
+    # its columns run along x of the base frame and its rows against y.
+    np.testing.assert_allclose(np.abs(twists[:2, 0]), [0.0, 0.5], rtol=0, atol=0.02)
+    np.testing.assert_allclose(np.abs(twists[:2, 1]), [0.5, 0.0], rtol=0, atol=0.02)
+    np.testing.assert_allclose(twists[2], 0.0, rtol=0, atol=1e-9)
+
+
+def test_a_disparity_slope_is_no_hand_eye_error() -> None:
+    """A tilt of the table in the same direction of every image is the slope of a matched camera, not its mounting."""
+    matched = PoseSigmas.for_disparities(1 / 30.0)
+    assert matched.disparity_per_m == pytest.approx(0.1 / 30)
+    poses = ring(8)
+    tilt = 0.15 / 30 * 0.39  # one sigma of the slope along the columns, at the distance of the views
+    clouds = []
+    for k, T in enumerate(poses):
+        T_alignment = from_rotation_vector(np.zeros(3), tilt * T[:3, 1])
+        T_alignment[:3, 3] += CENTRE - T_alignment[:3, :3] @ CENTRE
+        clouds.append(cloud_at(k, T_alignment @ T, T_alignment))
+
+    def hand_eye_sigma(sigmas: PoseSigmas) -> float:
+        prior = pose_prior(clouds, CENTRE, sigmas)
+        found = -np.linalg.solve(prior.information, prior.gradient)[-N_SHARED:-N_DISPARITY]
+        return float(np.linalg.norm(found / np.repeat([sigmas.hand_eye_rad, sigmas.hand_eye_m], 3)))
+
+    assert hand_eye_sigma(matched) < 0.7 * hand_eye_sigma(PoseSigmas())
+
+
+def test_cameras_with_fine_disparities_keep_the_default_sigmas() -> None:
+    assert PoseSigmas.for_disparities(None) == PoseSigmas()
+    assert PoseSigmas.for_disparities(1e-6) == PoseSigmas()
 
 
 def test_twist_about_returns_rotation_and_displacement() -> None:

@@ -42,7 +42,7 @@ def fragment(points: np.ndarray) -> Fragment:
 @pytest.mark.parametrize("seed", [22, 28])
 def test_soft_strands_that_cross_twice_nearby_are_separated(seed: int) -> None:
     # Without the cut these two are a strand that turns into the other, and the rest of both.
-    scan = simulate(make_case("soft", seed))
+    scan = simulate(make_case("soft", seed, "ideal"))
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     model = recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), scene).model
     assert score(model.to_json(), scan.truth).topology

@@ -31,6 +31,7 @@ from tests.service.service_process import ROOT, process
 
 FAST_CELL = {
     "POINTCHAIN_ARM__TIME_FACTOR": "20",
+    "POINTCHAIN_CAMERA__MODEL": "ideal",
     "POINTCHAIN_CAMERA__SCENE": "figure-eight",
     "POINTCHAIN_CAMERA__FPS": "30",
     "POINTCHAIN_CAMERA__SETTLE_S": "0",

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from cell.config.camera_names import CameraName
 from cell.simulation.benchmark.grasps import GraspCase, GraspResult
 from cell.simulation.benchmark.scaling import Growth, make_rows
 from cell.simulation.benchmark.speed import Speed, Timing
@@ -28,7 +29,9 @@ SERIES = make_rows([1.0, 2.0], [Timing(0.2, {}, 100), Timing(0.3, {}, 200)])
 @pytest.fixture(autouse=True)
 def probed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the probe, which takes seconds, by a machine that needs one second for it."""
-    monkeypatch.setattr("service.benchmark.command.measure_probe", lambda processes: Probe(start_s=4.0, case_s=1.0))
+    monkeypatch.setattr(
+        "service.benchmark.command.measure_probe", lambda processes, camera: Probe(start_s=4.0, case_s=1.0)
+    )
 
 
 @pytest.fixture
@@ -45,9 +48,11 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replace the measurements, which take a minute, by fixed results."""
     monkeypatch.setattr(
         "service.benchmark.command.measure_speed",
-        lambda report: Speed(0.25, 5.0, 20.0, 0.1, 0.75, 80.0, {"preprocess": 0.05}),
+        lambda report, camera: Speed(0.25, 5.0, 20.0, 0.1, 0.75, 80.0, {"preprocess": 0.05}),
     )
-    monkeypatch.setattr("service.benchmark.command.measure_growth", lambda report: Growth(SERIES, SERIES, SERIES))
+    monkeypatch.setattr(
+        "service.benchmark.command.measure_growth", lambda report, camera: Growth(SERIES, SERIES, SERIES)
+    )
 
 
 @pytest.mark.usefixtures("small")
@@ -59,7 +64,7 @@ def test_accuracy_is_one_document_of_every_tier_and_method(capsys: pytest.Captur
     assert "2 scenes by " in err
     assert "tier paper is done (about " in err
     assert "tier soft is done (about 0 s left)" in err
-    assert set(document) == {"machine", "accuracy", "sigma", "findings", "grasps", "cases"}
+    assert set(document) == {"machine", "camera", "accuracy", "sigma", "findings", "grasps", "cases"}
     assert set(document["accuracy"]) == {"paper", "soft"}
     assert set(document["grasps"]) == {"paper", "soft"}
     assert document["grasps"]["paper"]["grasps"] > 0
@@ -111,7 +116,7 @@ def test_each_tier_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, caps
 def test_speed_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "speed", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert set(document) == {"machine", "speed", "stages", "growth"}
+    assert set(document) == {"machine", "camera", "speed", "stages", "growth"}
     assert document["speed"] == {
         "views8_640x400_s": 0.25,
         "literal_s": 5.0,
@@ -137,7 +142,7 @@ def test_speed_is_printed_as_tables(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.usefixtures("measured")
 def test_a_part_is_printed_when_it_ends(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    def measure_growth(report: Callable[[str], None]) -> Growth:
+    def measure_growth(report: Callable[[str], None], camera: CameraName) -> Growth:
         assert "| 640x400 | 0.250 s |" in capsys.readouterr().out, "the speed was printed before growth is measured"
         report("growth")
         return Growth(SERIES, SERIES, SERIES)
@@ -210,7 +215,7 @@ def test_views_are_printed_by_tier(capsys: pytest.CaptureFixture[str]) -> None:
 def test_views_are_one_document_of_all_tiers_that_the_cell_can_have(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "views", "--seeds", "2", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert set(document) == {"machine", "views", "views_cases"}
+    assert set(document) == {"machine", "camera", "views", "views_cases"}
     assert set(document["views"]) == set(VIEWS_TIERS)
     assert document["views"]["paper"]["auto_mean_mm"] == 0.2
     assert [case["seed"] for case in document["views_cases"]] == 8 * [0]
@@ -222,7 +227,7 @@ def test_views_are_one_document_of_all_tiers_that_the_cell_can_have(capsys: pyte
 def test_grasps_are_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--only", "grasps", "--tiers", "paper", "--seeds", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert set(document) == {"machine", "grasps", "grasp_cases"}
+    assert set(document) == {"machine", "camera", "grasps", "grasp_cases"}
     assert document["grasps"]["paper"]["best"]["good"] == 1.0
     assert document["grasp_cases"][0]["grasps"][1]["touching"] is True
 
@@ -250,7 +255,7 @@ def test_the_service_part_is_printed(capsys: pytest.CaptureFixture[str], monkeyp
     monkeypatch.setattr("service.benchmark.command.measure_service", lambda report: times)
     assert main(["bench", "--only", "service", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert set(document) == {"machine", "service"}
+    assert set(document) == {"machine", "camera", "service"}
     assert document["service"]["kinds"]["the cell"] == {"per_s": 1234.5, "p50_s": 0.00612, "p99_s": 0.0187}
     assert main(["bench", "--only", "service"]) == 0
     out = capsys.readouterr().out

@@ -19,7 +19,7 @@ from service.benchmark.views import (
 @pytest.fixture(scope="module")
 def case() -> ViewsCase:
     """One scene of tier `paper`."""
-    result = run_views_case(("paper", 0))
+    result = run_views_case(("paper", 0), "ideal")
     assert result is not None
     return result
 
@@ -39,9 +39,9 @@ def test_both_scans_of_a_scene_are_scored(case: ViewsCase) -> None:
 
 def test_a_string_outside_the_workspace_is_left_out() -> None:
     """The default cell sees 0.36 m, which is less than some tangles of tier `photo` take."""
-    largest = max(abs(curve[:, :2]).max() for curve in make_case("photo", 0).scene.curves)
+    largest = max(abs(curve[:, :2]).max() for curve in make_case("photo", 0, "ideal").scene.curves)
     assert largest > 0.18
-    assert run_views_case(("photo", 0)) is None
+    assert run_views_case(("photo", 0), "ideal") is None
 
 
 def test_a_summary_counts_the_scenes_in_the_workspace(case: ViewsCase) -> None:

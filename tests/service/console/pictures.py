@@ -223,7 +223,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         data, log, host = Path(folder) / "data", Path(folder) / "log", free_host()
-        with process(data, log, POINTCHAIN_CAMERA__SCENE=SCENE, POINTCHAIN_ARM__HOST=host) as (running, client):
+        variables = {
+            "POINTCHAIN_CAMERA__MODEL": "ideal",
+            "POINTCHAIN_CAMERA__SCENE": SCENE,
+            "POINTCHAIN_ARM__HOST": host,
+        }
+        with process(data, log, **variables) as (running, client):
             address = str(client.base_url)
             size_kb = measure(browser, address)
             page = browser.new_context(viewport={"width": 1280, "height": 800}, locale="en-GB").new_page()

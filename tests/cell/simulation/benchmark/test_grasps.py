@@ -38,7 +38,7 @@ def test_a_summary_counts_simulated_and_disturbed_grasps_separately() -> None:
 def test_a_case_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cell.simulation.benchmark.grasps.TOP", 1)
     monkeypatch.setattr("cell.simulation.benchmark.grasps.MAX_SIMULATED", 3)
-    case = run_grasp_case(("soft", 0))
+    case = run_grasp_case(("soft", 0), "ideal")
     assert case.refused is None
     assert [grasp.rank for grasp in case.grasps if grasp.good is not None] == [0, 1, len(case.grasps) - 1]
     best = case.grasps[0]

@@ -66,7 +66,7 @@ def test_the_surface_of_a_rod_is_at_its_radius(cases: list[Case]) -> None:
 
 @pytest.mark.parametrize("seed", [0, 4, 5])
 def test_the_string_alone_is_recognised(seed: int) -> None:
-    case = make_case("clutter", seed)
+    case = make_case("clutter", seed, "ideal")
     scan = simulate(case)
     model = recognise(
         scan.views, RecognitionRequest(radius_m=case.scene.radius_m), Scene(workspace_m=scan.header.workspace_m)

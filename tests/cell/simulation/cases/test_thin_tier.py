@@ -11,7 +11,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.parametrize(("seed", "radius_m"), [(0, 0.001), (1, 0.0015)])
 def test_thin_strings_are_seen_from_near(seed: int, radius_m: float) -> None:
-    case = make_case("thin", seed)
+    case = make_case("thin", seed, "ideal")
     assert case.scene.radii_m == (radius_m,)
     assert (case.camera.width, case.camera.height) == (1280, 800)
     for view in simulate(case).views:

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cell.config.camera_names import DEFAULT_CAMERA
 from cell.simulation.cases import TIERS, Case, TierError, make_case, simulate
 from cell.simulation.pose_errors import PoseErrors
 from cell.simulation.rendering.depth_camera import camera_model
@@ -68,11 +69,33 @@ def test_each_tier_has_its_properties(
 def test_hard_cases_are_of_three_kinds_in_turn(cases: dict[str, list[Case]]) -> None:
     short, cluttered, long = cases["hard"]
     assert all(case.errors == PoseErrors().scaled(2.0) for case in cases["hard"])
-    assert (short.camera.name, short.camera.width, short.camera.height) == ("ideal-sr", 1280, 800)
+    assert (short.camera.name, short.camera.width, short.camera.height) == ("oak-d-sr", 1280, 800)
     assert cluttered.scene.radius_m == 0.003
     assert len(cluttered.scene.boxes) >= 3
     assert measure(long)[1] == pytest.approx(1.0, abs=2e-4)
     assert measure(long)[3] == 5
+
+
+def test_each_tier_has_the_default_camera_except_those_of_the_noise_model(cases: dict[str, list[Case]]) -> None:
+    for tier in TIERS:
+        for case in cases[tier]:
+            is_of_noise_model = tier in ("measured", "speckle", "noise")
+            assert (case.camera.stereo is None) == is_of_noise_model
+            if tier != "hard" and not is_of_noise_model:
+                assert case.camera.name == DEFAULT_CAMERA
+
+
+def test_another_camera_sees_the_same_scene_as_finely() -> None:
+    ideal = make_case("photo", 0, "ideal")
+    assert (ideal.camera.name, ideal.camera.width, ideal.camera.height) == ("ideal", 800, 500)
+    d435 = make_case("photo", 0, "d435")
+    assert np.array_equal(d435.scene.curves[0], ideal.scene.curves[0])
+    assert (d435.camera.name, d435.camera.width, d435.camera.height) == ("d435", 1060, 600)
+    thin = make_case("thin", 0, "d435").camera
+    assert (thin.width, thin.height) == (1280, 720), "no wider than the sensor"
+    assert thin.working_m == make_case("thin", 0, "ideal").camera.working_m
+    assert make_case("hard", 0, "ideal").camera.name == "ideal-sr"
+    assert make_case("measured", 0, "d435").camera.name == "ideal-measured"
 
 
 def test_measured_cases_have_the_errors_of_real_devices(cases: dict[str, list[Case]]) -> None:

@@ -18,7 +18,7 @@ from recognition.request import RecognitionRequest
 
 
 def recognised(tier: str, seed: int) -> tuple[StringScene, PointChainModel]:
-    case = make_case(tier, seed)
+    case = make_case(tier, seed, "ideal")
     scan = simulate(case)
     scene = Scene(scan.header.table_z_m, scan.header.workspace_m)
     return case.scene, recognise(scan.views, RecognitionRequest(radius_m=scan.truth["radius"]), scene).model

@@ -119,7 +119,7 @@ def test_plates_and_bars_are_seen_at_their_height() -> None:
 
 
 def test_the_tier_has_the_kinds_in_turn() -> None:
-    cases = [make_case("fixtures", seed) for seed in range(6)]
+    cases = [make_case("fixtures", seed, "ideal") for seed in range(6)]
     names = [case.scene.name.split("-")[0] for case in cases]
     assert names == ["bar", "plate", "post", "slot", "wall", "bar"]
     assert {case.scene.radius_m for case in cases} <= {0.003, 0.0042, 0.005}
