@@ -14,7 +14,7 @@ from recognition.model.findings import Finding, finding
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.preprocessing.target_cloud import Scene
-from recognition.refinement.object_shapes import is_other_rod
+from recognition.refinement.object_shapes import is_other_rod, may_be_matched_bar
 from recognition.refinement.refinement import RESTING_PERCENTILE, FittedStrand
 from recognition.refinement.string_classifier import (
     MAX_SQUARENESS,
@@ -158,14 +158,15 @@ def _shape_findings(
     """Return the findings on a chain that may not be round, and on a chain that lies on nothing that is known."""
     findings = []
     squareness = max_squareness(strand)
-    if squareness > MAX_SQUARENESS:
+    is_square = squareness > MAX_SQUARENESS
+    if is_square or (support.is_matched and may_be_matched_bar(strand)):
         centre = chain.points.mean(axis=0)
         message = (
             f"chain {chain.id} at {format_position(centre)} may be a bar with edges instead of a string: the measured "
             "surface does not show whether it is round"
         )
         # Without a measurement, the squareness is unlimited. JSON has no infinity.
-        value = squareness if np.isfinite(squareness) else None
+        value = squareness if is_square and np.isfinite(squareness) else None
         findings.append(
             finding("possible-bar", message, chains=(chain.id,), point=centre, value=value, limit=MAX_SQUARENESS)
         )

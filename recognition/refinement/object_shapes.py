@@ -1,4 +1,4 @@
-"""Shapes of objects that are round but no strings: posts, pens and folds.
+"""Shapes of objects that look round but are no strings: posts, pens, bars and folds.
 
 Each test reads one property of the fitted tube that gravity or bending gives to strings only.
 """
@@ -18,6 +18,8 @@ MAX_ROD_BEND_SHARE = 0.06
 
 It was up to 0.035 for pens in simulated scans, which is the error of the fit. No string of them had less than 5.
 """
+MAX_BAR_BEND_SHARE = 0.3
+"""The same distance for a bar in depth that was matched in windows, whose errors along a strand are larger."""
 MIN_RAISED_SHARE = 1.15
 """Minimum height of the top of a fold above the table, in diameters of its tube. It is 1 for a string on the table.
 
@@ -40,12 +42,15 @@ def is_other_rod(strand: FittedStrand, r: float) -> bool:
         strand: Fitted strand. Its radius is `r` unless the measured one differs clearly.
         r: Radius of the strings, metres.
     """
-    if strand.closed or strand.radius_m == r:
-        return False
-    offset = strand.points - strand.points.mean(axis=0)
-    axis = _main_axis(strand.points)
-    across = offset - np.outer(offset @ axis, axis)
-    return bool(np.sqrt((across**2).sum(axis=1).mean()) <= MAX_ROD_BEND_SHARE * strand.radius_m)
+    return strand.radius_m != r and _is_straight(strand, MAX_ROD_BEND_SHARE)
+
+
+def may_be_matched_bar(strand: FittedStrand) -> bool:
+    """Return whether a strand in depth that was matched in windows is as straight as a bar.
+
+    The windows round the edges of a bar that is hardly wider than they are. Only its straightness is left to tell.
+    """
+    return _is_straight(strand, MAX_BAR_BEND_SHARE)
 
 
 def is_fold(strand: FittedStrand, r: float, table_z_m: float) -> bool:
@@ -58,6 +63,16 @@ def is_fold(strand: FittedStrand, r: float, table_z_m: float) -> bool:
     """
     top_m = float(np.median(strand.points[:, 2])) + strand.radius_m - table_z_m
     return bool(strand.radius_m < r and top_m > MIN_RAISED_SHARE * 2 * strand.radius_m)
+
+
+def _is_straight(strand: FittedStrand, max_bend_share: float) -> bool:
+    """Return whether a strand deviates from its main axis by at most a share of its radius (root mean square)."""
+    if strand.closed:
+        return False
+    offset = strand.points - strand.points.mean(axis=0)
+    axis = _main_axis(strand.points)
+    across = offset - np.outer(offset @ axis, axis)
+    return bool(np.sqrt((across**2).sum(axis=1).mean()) <= max_bend_share * strand.radius_m)
 
 
 def _main_axis(points: NDArray[np.float64]) -> NDArray[np.float64]:
