@@ -65,6 +65,8 @@ MIN_COMPRESSION = 0.4
 """Minimum compression. A lower string is that of another radius."""
 MAX_CHANGE = 0.03
 """Maximum change of the compression for which views are not preprocessed again."""
+WIDTH_WEIGHT = 0.6
+"""Weight of the width in the geometric mean of height and width that gives the radius."""
 WIDE_RADII = 4.0
 """Half width beyond which windows do not compress an object, in radii r."""
 WIDE_MARGIN = 2.0
@@ -133,21 +135,35 @@ def estimate_compression(views: Sequence[Ridges], r: float) -> float:
         views: Ridges of each view.
         r: Radius of the strings, metres.
     """
-    heights = _confirmed_heights(views, r)
-    if len(heights) < MIN_RIDGES:
+    confirmed = _confirm(views, r)
+    if confirmed is None:
         return 1.0
-    counts, edges = np.histogram(heights, np.arange(0.0, MAX_HEIGHT, HEIGHT_BIN))
-    density = ndimage.gaussian_filter1d(counts.astype(np.float64), BANDWIDTH / HEIGHT_BIN)
-    is_peak = (density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])
-    peaks = np.flatnonzero(is_peak) + 1
-    peaks = peaks[edges[peaks] < MAX_RESTING]
-    if len(peaks) == 0:
-        return 1.0
-    resting = peaks[density[peaks] > PEAK_SHARE * density[peaks].max()][-1]
-    compression = float(edges[resting]) + HEIGHT_BIN / 2
-    if compression > 1 - MIN_LOSS:
+    compression = _resting_height(confirmed)
+    if compression is None or compression > 1 - MIN_LOSS:
         return 1.0
     return max(compression, MIN_COMPRESSION)
+
+
+def estimate_radius(views: Sequence[Ridges], r: float) -> float | None:
+    """Return the radius of the strings from height and width of their bands, metres, or None if too little shows it.
+
+    Windows lower strings and widen them, or hardly change one of both. A mean of half the height and half the width is
+    therefore nearer to the radius than either. The width counts more, because strings are missed with a radius that is
+    too small.
+
+    Args:
+        views: Ridges of each view, for the radius `r`.
+        r: Radius that bands are compared with, metres.
+    """
+    confirmed = _confirm(views, r)
+    if confirmed is None:
+        return None
+    half_width = float(np.median(confirmed.half_width))
+    height = _resting_height(confirmed)
+    if height is None:
+        return None
+    half_height = height * min(half_width, 1.0)
+    return r * float(half_height ** (1 - WIDTH_WEIGHT) * half_width**WIDTH_WEIGHT)
 
 
 def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
@@ -172,14 +188,22 @@ def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))
 
 
-def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]:
-    """Return the ridge heights (N,) that enough views show at the same place, each as the mean of these views.
+@dataclass(frozen=True, eq=False)
+class _ConfirmedRidges:
+    """Ridge pixels that enough views show at the same place."""
 
-    A height is relative to that of a string of radius r, or of a thinner one if the band is narrower.
-    """
+    height: NDArray[np.float64]
+    """(N,) heights, relative to that of a string of radius r, or of a thinner one if the band is narrower."""
+    half_width: NDArray[np.float64]
+    """(N,) half widths of the bands at half their height, in r."""
+
+
+def _confirm(views: Sequence[Ridges], r: float) -> _ConfirmedRidges | None:
+    """Return the ridges that enough views show, each as the mean of these views; None if they are too few."""
     min_views = 1 + MIN_OTHER_VIEWS_SHARE * (len(views) - 1)
     shown = [ridges for ridges in views if len(ridges.xy)]
-    confirmed = [np.zeros(0)]
+    heights = [np.zeros(0)]
+    half_widths = [np.zeros(0)]
     for ridges in shown:
         step = -(-len(ridges.xy) // MAX_CONFIRMED)
         xy = ridges.xy[::step]
@@ -192,9 +216,26 @@ def _confirmed_heights(views: Sequence[Ridges], r: float) -> NDArray[np.float64]
             n_views += is_seen
             height[is_seen] += other.height[np.asarray(nearest)[is_seen]]
             half_width[is_seen] += other.half_width[np.asarray(nearest)[is_seen]]
-        radius = np.minimum(half_width / n_views, 1.0)
-        confirmed.append((height / (n_views * radius))[n_views >= min_views])
-    return np.concatenate(confirmed)
+        is_confirmed = n_views >= min_views
+        mean_width = half_width / n_views
+        relative = height / (n_views * np.minimum(mean_width, 1.0))
+        heights.append(relative[is_confirmed])
+        half_widths.append(mean_width[is_confirmed])
+    confirmed = _ConfirmedRidges(np.concatenate(heights), np.concatenate(half_widths))
+    return confirmed if len(confirmed.height) >= MIN_RIDGES else None
+
+
+def _resting_height(confirmed: _ConfirmedRidges) -> float | None:
+    """Return the height of resting strings, relative as the heights of the ridges, or None if it is not clear."""
+    counts, edges = np.histogram(confirmed.height, np.arange(0.0, MAX_HEIGHT, HEIGHT_BIN))
+    density = ndimage.gaussian_filter1d(counts.astype(np.float64), BANDWIDTH / HEIGHT_BIN)
+    is_peak = (density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])
+    peaks = np.flatnonzero(is_peak) + 1
+    peaks = peaks[edges[peaks] < MAX_RESTING]
+    if len(peaks) == 0:
+        return None
+    resting = peaks[density[peaks] > PEAK_SHARE * density[peaks].max()][-1]
+    return float(edges[resting]) + HEIGHT_BIN / 2
 
 
 def _lowest_height(aligned: AlignedView) -> float:

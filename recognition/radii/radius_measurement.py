@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from recognition.errors import RecognitionError
+from recognition.errors import RadiusUnknownError, RecognitionError
 from recognition.geometry.polyline import arc_length
 from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
-from recognition.parameters import ChainParameters
-from recognition.preprocessing.target_cloud import preprocess
+from recognition.parameters import R_MAX, R_MIN, ChainParameters
+from recognition.preprocessing.height_compression import estimate_radius, find_ridges
+from recognition.preprocessing.target_cloud import DepthView, Scene, align_view, preprocess
 from recognition.radii.ridges import estimate_rough_radius
 from recognition.refinement.refinement import FittedStrand
 from recognition.strings import find_strings
@@ -25,6 +26,12 @@ PAPER_R = 0.0042
 """Radius of the string in the paper, metres. It is used for an empty table, where no radius can be measured."""
 MIN_POINTS = 50
 """Minimum number of points above the table, over all views, in a scene with a string. Fewer points are noise."""
+START_RADII_M = (0.0042, 0.0025, 0.007)
+"""Radii from which the search for the radius of bands starts, metres."""
+MAX_STEPS = 6
+"""Maximum number of steps of this search."""
+MAX_CHANGE = 0.03
+"""Change of the radius, as a share, below which the search ends."""
 THINNER = ("radius-smaller", "radius-much-smaller")
 """Codes of chains that are thinner than the given radius."""
 MIN_MISSED_RADII = 20
@@ -64,7 +71,9 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     clouds = [preprocess(view, probe, scene).points for view in corrected]
     if sum(map(len, clouds)) < MIN_POINTS:
         return MeasuredRadius(PAPER_R)
-    rough = ChainParameters.for_radius(estimate_rough_radius(clouds, scene.table_z_m))
+    matched_m = None if measured.locking is None else _radius_of_bands(corrected, scene)
+    rough_m = estimate_rough_radius(clouds, scene.table_z_m) if matched_m is None else matched_m
+    rough = ChainParameters.for_radius(rough_m)
     surface = observe(measured.views, scene, rough, earlier=measured)
     if surface.no_string_reason is not None:
         return MeasuredRadius(rough.r)
@@ -72,7 +81,17 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     surface = replace(surface, clouds=(), occlusion_map=OcclusionMap(surface.points))
     # Each string has a measured radius, whether or not its tube has the rough one.
     strings = find_strings(surface, rough).classified.strings
-    return MeasuredRadius(_median_radius(strings), strings) if strings else MeasuredRadius(rough.r)
+    if matched_m is not None:
+        if not strings:
+            raise RadiusUnknownError(
+                f"bands above the table are about as wide as a string of radius {rough.r * 1000:.1f} mm, but no string "
+                "was found with it, so no radius can be measured: give the radius"
+            )
+        # the heights were restored to those of the rough radius, so the tubes show no other
+        return MeasuredRadius(rough.r, strings)
+    if not strings:
+        return MeasuredRadius(rough.r)
+    return MeasuredRadius(_median_radius(strings), strings)
 
 
 def other_radius_findings(
@@ -111,6 +130,23 @@ def other_radius_findings(
         "scan again with this radius, or with none"
     )
     return (finding("string-of-other-radius", message, point=middle, value=other.radius_m, limit=parameters.r),)
+
+
+def _radius_of_bands(views: Sequence[DepthView], scene: Scene) -> float | None:
+    """Return the radius at which the bands in matched depth have the size of strings, metres, or None if none does."""
+    for start_m in START_RADII_M:
+        radius_m = start_m
+        for _ in range(MAX_STEPS):
+            parameters = ChainParameters.for_radius(radius_m)
+            ridges = [find_ridges(align_view(view, parameters, scene)) for view in views]
+            estimate_m = estimate_radius(ridges, radius_m)
+            if estimate_m is None:
+                break
+            change = estimate_m / radius_m - 1
+            radius_m = float(np.clip(estimate_m, R_MIN, R_MAX))
+            if abs(change) < MAX_CHANGE:
+                return radius_m
+    return None
 
 
 def _median_radius(strings: Sequence[FittedStrand]) -> float:

@@ -29,7 +29,7 @@ PROFILE_RADII = 2.0
 """Length of the examined profile from the centre line to one side, in radii of the string."""
 N_SAMPLES = 24
 """Number of samples of a profile."""
-MAX_OFFSET_RADII = 0.5
+MAX_OFFSET_RADII = 0.75
 """Maximum border offset, in radii r. More is no effect of windows."""
 
 
