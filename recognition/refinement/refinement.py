@@ -12,14 +12,8 @@ from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
 from recognition.refinement.border_offset import measure_border_offset
 from recognition.refinement.cross_section import CrossSections, measure_cross_sections
-from recognition.refinement.end_in_images import (
-    OWN_END_RADII,
-    localise_end_in_images,
-    other_strand_points,
-    other_strand_tree,
-)
-from recognition.refinement.end_localisation import MAX_EXTENSION_RADII, extend_below_strand, localise_end
 from recognition.refinement.end_merging import merge_overlapping_ends
+from recognition.refinement.line_ends import localise_line_ends, localise_line_ends_in_images
 from recognition.refinement.resting_height import add_lost_height, find_resting_heights
 from recognition.refinement.tube_fit import Assignment, TubeFit
 from recognition.refinement.visible_gaps import split_at_visible_gaps
@@ -172,7 +166,7 @@ def refine(
         lines = [
             _raise_line(line, radius, support.table_z_m, lost_m) for line, radius in zip(lines, radii, strict=True)
         ]
-        lines = _localise_ends(strands, lines, radii, raised, r)
+        lines = localise_line_ends(strands, TubeFit(lines, r, raised.points, raised.normals, radii))
         if n_merges >= MAX_MERGES:
             break
         # Joined and split strands are fitted again from the start.
@@ -185,7 +179,7 @@ def refine(
         strands = changed
         n_merges += 1
     offset_m = measure_border_offset(lines, radii, views, support.table_z_m, r)
-    lines = _localise_ends_in_images(strands, lines, radii, views, other_lines, offset_m)
+    lines = localise_line_ends_in_images(strands, lines, radii, views, other_lines, offset_m)
 
     last_fit = TubeFit(lines, r, raised.points, raised.normals, radii, bends)
     assigned = _iterate(last_fit, LAST_FIT_STEPS, None)
@@ -275,70 +269,6 @@ def _select_radii(measured: NDArray[np.float64], scatter_m: float, r: float) -> 
     """Return the tube radius (K,) of each line, metres: the measured radius if it contradicts r, otherwise r."""
     contradicts = np.abs(measured - r) > max(MAX_DEVIATION_SHARE * r, MAX_DEVIATION_SCATTERS * scatter_m)
     return np.where(contradicts, measured, r)
-
-
-def _localise_ends(
-    strands: Sequence[Strand],
-    lines: Sequence[Points],
-    radii: NDArray[np.float64],
-    surface: _Surface,
-    r: float,
-) -> list[Points]:
-    """Move the two ends of each open line to the ends of its string. Closed lines are unchanged."""
-    fit = TubeFit(lines, r, surface.points, surface.normals, radii)
-    open_lines = [k for k, strand in enumerate(strands) if not strand.closed]
-    # Link of each surface point; -1 for surface on no strand.
-    link = np.full(len(surface.points), -1)
-    # A single line that stays away from its own ends needs no assignment: all surface shows its ends.
-    if len(lines) > 1 or any(_is_near_own_end(lines[k], radii[k]) for k in open_lines):
-        assigned = fit.assign()
-        link[assigned.point] = assigned.link
-    localised = list(lines)
-    for k in open_lines:
-        s = arc_length(lines[k])
-        for from_end in (s, s[-1] - s):
-            # Surface on other strands, and on this strand away from the end, does not show the end.
-            is_own_link = np.zeros(len(fit.points) + 1, dtype=bool)
-            is_own_link[fit.rows(k)] = from_end <= OWN_END_RADII * radii[k]
-            is_own_link[-1] = True  # link -1: surface on no strand
-            is_own = is_own_link[link]
-            own_points = surface.points[is_own]
-            own_normals = surface.normals[is_own]
-            line = localise_end(localised[k], own_points, own_normals, radii[k])
-            others = other_strand_points([*lines[:k], line, *lines[k + 1 :]], k, radii[k])
-            # Each pass treats the first point and turns the line round.
-            localised[k] = extend_below_strand(line, own_points, own_normals, others, radii[k])[::-1]
-    return localised
-
-
-def _is_near_own_end(line: Points, r: float) -> bool:
-    """Return whether a line comes near one of its two ends again."""
-    for from_end in (line, line[::-1]):
-        rest = from_end[arc_length(from_end) > OWN_END_RADII * r]
-        distance = np.linalg.norm(rest - from_end[0], axis=1)
-        if (distance < 2 * MAX_EXTENSION_RADII * r).any():
-            return True
-    return False
-
-
-def _localise_ends_in_images(
-    strands: Sequence[Strand],
-    lines: Sequence[Points],
-    radii: NDArray[np.float64],
-    views: Sequence[NormalCloud],
-    other_lines: Sequence[Points],
-    border_offset_m: float,
-) -> list[Points]:
-    """Move the two ends of each open line to where the depth images show them. Closed lines are unchanged."""
-    localised = list(lines)
-    for k, strand in enumerate(strands):
-        if strand.closed:
-            continue
-        for _ in range(2):
-            others = other_strand_tree([*localised, *other_lines], k, radii[k])
-            # Each pass treats the first point and turns the line round.
-            localised[k] = localise_end_in_images(localised[k], views, others, radii[k], border_offset_m)[::-1]
-    return localised
 
 
 def _replace_lines(strands: Sequence[Strand], lines: Sequence[Points]) -> list[Strand]:
