@@ -99,7 +99,7 @@ def of_plane(view: View, z_m: float, finer: int = 1) -> View:
     v, u = np.indices((view.depth.shape[0] * finer, view.depth.shape[1] * finer))
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
     depth = np.rint((z_m - T[2, 3]) / rays[..., 2] / view.depth_unit_m)
-    return replace(view, depth=depth.astype(np.uint16), K=K)
+    return replace(view, depth=depth.astype(np.uint16), K=K, intensity=None)
 
 
 def with_noisy_table(scan: SimulatedScan, sigma_m: float, block: int = 1) -> list[View]:
