@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from recognition.assembly.chain_ends import unobserved_end_findings
 from recognition.assembly.checked_chains import CheckedChains
 from recognition.assembly.sharp_bends import sharp_bend_findings
+from recognition.assembly.stereo_findings import stereo_findings
 from recognition.assembly.table_frame import table_findings
 from recognition.assembly.unexplained import possible_object_findings, unexplained_findings
 from recognition.assembly.view_findings import (
@@ -35,6 +36,7 @@ def scene_findings(
     registration = surface.registration
     ingested = surface.ingested
     used = [view.index for view in registration.views if view.used]
+    refinement = found.stages.refinement if chains else None
     return (
         *_radius_findings(surface, request, chains, found.findings),
         *found.crossings.findings,
@@ -48,6 +50,7 @@ def scene_findings(
         *drift_findings(registration, chains),
         *table_findings(ingested.measured.table, chains),
         *warp_findings(ingested.measured.warp),
+        *stereo_findings(ingested.measured.locking, ingested.compression, refinement, parameters.r),
         *single_view_findings(registration.views, ingested.clouds, chains),
         *noise_findings(registration, parameters),
         *view_findings(surface.views_quality, ingested.captured, chains),
@@ -64,6 +67,7 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
         finding("no-string-in-view", surface.no_string_reason),
         *table_findings(ingested.measured.table, ()),
         *warp_findings(ingested.measured.warp),
+        *stereo_findings(ingested.measured.locking, ingested.compression, None, surface.parameters.r),
         *view_findings(surface.views_quality, ingested.captured, ()),
         *coverage_findings(ingested.targets, (), surface.scene),
     )

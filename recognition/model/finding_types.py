@@ -62,6 +62,7 @@ FindingCode = Literal[
     "single-view",
     "table-uncertain",
     "depth-warp",
+    "stereo-depth-corrected",
     "more-views-needed",
     "view-missing",
     "recording-incomplete",
@@ -409,6 +410,14 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
         action="Nothing for this result. Beyond 1 mm, calibrate the camera's lenses again, or let its maker do so.",
         decision="nothing",
         value="root mean square of the depth error on the table, m",
+    ),
+    "stereo-depth-corrected": FindingType(
+        severity="note",
+        scope="nothing",
+        meaning="Errors that stereo matching leaves in the depth were corrected. The message lists the corrections.",
+        action="Nothing for this result. Beyond the radius of the string, move the viewpoints nearer.",
+        decision="nothing",
+        value="largest correction of depths, heights or ends, m",
     ),
     "more-views-needed": FindingType(
         severity="note",

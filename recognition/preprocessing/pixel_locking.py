@@ -42,6 +42,8 @@ HARMONICS = (1, 2, 3)
 MIN_ERROR = 0.03
 """Minimum amplitude of the first harmonic, in disparities. A smaller error is less than the noise of most cameras, and
 not worth the time of a correction."""
+N_PHASES = 72
+"""Number of phases at which the size of the error is measured."""
 MAX_COUNT_SHARE = 0.25
 """Maximum size of a depth count, in disparities. Where counts are coarser, the fraction of the disparity is unknown."""
 
@@ -64,6 +66,14 @@ class PixelLocking:
     """Inverse depth of one disparity, 1/m."""
     coefficients: NDArray[np.float64]
     """(2 * len(HARMONICS),) coefficients of sine and cosine of each harmonic, 1/m."""
+    depth_m: float
+    """Median depth of the table, from which it was measured, metres."""
+
+    @property
+    def amplitude_m(self) -> float:
+        """Largest error of the depth at the median depth of the table, metres."""
+        phase = np.arange(N_PHASES) / N_PHASES
+        return float(np.abs(_waves(phase) @ self.coefficients).max()) * self.depth_m**2
 
     def error(self, inverse_depth: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the error (N,) of measured inverse depths (N,), 1/m."""
@@ -112,7 +122,7 @@ def measure_locking(views: Sequence[LockingSample]) -> PixelLocking | None:
     coefficients = np.asarray(np.linalg.lstsq(waves, deviation, rcond=None)[0], dtype=np.float64)
     if float(np.hypot(coefficients[0], coefficients[len(HARMONICS)])) < MIN_ERROR * period_per_m:
         return None
-    return PixelLocking(period_per_m, coefficients)
+    return PixelLocking(period_per_m, coefficients, depth_m=1 / float(np.median(inverse_depth)))
 
 
 def correct_locking(view: DepthView, locking: PixelLocking) -> CorrectedView:

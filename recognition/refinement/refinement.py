@@ -108,6 +108,10 @@ class Refinement:
     """(M,) strand index of each surface point; -1 if the point lies on no tube."""
     scatter_m: float
     """Robust standard deviation of the point-to-tube distances, metres."""
+    lost_m: float = 0.0
+    """Height that was added to resting strings, metres. It is negative if they were lowered."""
+    border_offset_m: float = 0.0
+    """Distance by which ends were moved inwards because windows widen strings, metres. It is negative if outwards."""
 
 
 def refine(
@@ -189,7 +193,13 @@ def refine(
     height_sigma_m = float(np.hypot(ripple_m, EXCESS_SIGMA_SHARE * min(lost_m, 0.0)))
     fitted = _collect_strands(strands, last_fit, assigned, measured_radii, cross_sections)
     fitted = [replace(strand, height_sigma_m=height_sigma_m) for strand in fitted]
-    return Refinement(fitted, last_fit.lines_of_points(assigned), assigned.sigma)
+    return Refinement(
+        strands=fitted,
+        strand_of_point=last_fit.lines_of_points(assigned),
+        scatter_m=assigned.sigma,
+        lost_m=lost_m,
+        border_offset_m=offset_m if any(not strand.closed for strand in strands) else 0.0,
+    )
 
 
 def _fit_to_sample(

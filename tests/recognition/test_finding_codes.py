@@ -38,6 +38,8 @@ R = 0.0042
 DEFAULT_GRIPPER = Gripper()
 MADE_ELSEWHERE = {"view-missing", "recording-incomplete", "colour-unusable", "more-views-needed"}
 """Codes that the service makes, and that of `test_stepwise`."""
+FINE_UNIT_M = 2e-5
+"""Depth unit that is much less than a disparity."""
 ALONG_X = ((-0.1, 0.0), (0.1, 0.0))
 
 
@@ -124,6 +126,18 @@ def with_curved_depth(scan: SimulatedScan) -> list[View]:
     for view in scan.views:
         across = np.linspace(-1, 1, view.depth.shape[1]) ** 2 * 0.003 / view.depth_unit_m
         views.append(replace(view, depth=np.where(view.depth > 0, view.depth + across, 0).astype(np.uint16)))
+    return views
+
+
+def with_pixel_locking(captured: Sequence[View]) -> list[View]:
+    """Return views with an error of a tenth of a disparity of a camera with f b = 30 pixel metres."""
+    views = []
+    for view in captured:
+        depth_m = np.where(view.depth > 0, view.depth, 1) * view.depth_unit_m
+        disparity = 30 / depth_m
+        shown_m = 30 / (disparity + 0.1 * np.sin(2 * np.pi * disparity))
+        depth = np.where(view.depth > 0, np.rint(shown_m / FINE_UNIT_M), 0)
+        views.append(replace(view, depth=depth.astype(np.uint16), depth_unit_m=FINE_UNIT_M))
     return views
 
 
@@ -353,6 +367,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "single-view": lambda: findings_of(one_string(), views=one_string().views[:1]),
     "table-uncertain": lower_table(0.0018),
     "depth-warp": lambda: findings_of(one_string(), views=with_curved_depth(one_string())),
+    "stereo-depth-corrected": lambda: findings_of(one_string(), views=with_pixel_locking(one_string().views)),
     "view-without-depth": excluded(with_depth(0)),
     "view-outside-workspace": excluded(with_depth(60000)),
     "view-stuck": excluded(lambda view: with_depth(int(np.median(view.depth)) - 20)(view)),
@@ -425,6 +440,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "table-uncertain": has("value limit", "above"),
     "single-view": has("view"),
     "depth-warp": has("value limit", "above"),
+    "stereo-depth-corrected": has("value"),
     "view-without-depth": has("view"),
     "view-outside-workspace": has("view"),
     "view-stuck": has("view"),
@@ -512,6 +528,15 @@ def test_more_pieces_are_counted_and_not_lost() -> None:
     findings = many_short_pieces()
     for listed, further in (("piece-too-short", "more-pieces"), ("unexplained-surface", "more-unexplained-surface")):
         assert sum(found.code == listed for found in findings) + (only(findings, further).value or 0) == 13
+
+
+def test_pixel_locking_is_a_note_with_and_without_a_string() -> None:
+    without_string = [of_plane(view, 0.0) for view in one_string().views]
+    for captured in (one_string().views, without_string):
+        note = only(findings_of(one_string(), views=with_pixel_locking(captured)), "stereo-depth-corrected")
+        depth_m = np.median([view.depth[view.depth > 0] * view.depth_unit_m for view in without_string])
+        # A tenth of a disparity, 1/30 per metre. The table in the workspace is up to a tenth farther than all of it.
+        assert note.value == pytest.approx(0.1 / 30 * depth_m**2, rel=0.3)
 
 
 def test_the_measured_radius_is_the_value() -> None:

@@ -182,7 +182,7 @@ def test_pixels_without_depth_stay_without_depth() -> None:
 def test_a_corrected_image_keeps_its_intensity_image() -> None:
     view = view_of(0, disparity(pose(0.0, 0.0)))
     intensity = np.ones(view.depth.shape, dtype=np.uint8)
-    locking = PixelLocking(0.02, np.zeros(2 * len(HARMONICS)))
+    locking = PixelLocking(0.02, np.zeros(2 * len(HARMONICS)), 0.4)
     assert correct_locking(replace(view, intensity=intensity), locking).intensity is intensity
 
 

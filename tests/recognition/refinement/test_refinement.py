@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from recognition.geometry.polyline import arc_length
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.support_surface import SupportSurface
+from recognition.refinement import refinement
 from recognition.refinement.refinement import FittedStrand, refine
 from recognition.strand import Strand
 
@@ -294,3 +295,25 @@ def test_the_order_of_the_surface_points_hardly_matters(seen: Callable, heap: Ca
             assert arc_length(other.points)[-1] == pytest.approx(arc_length(one.points)[-1], abs=0.2 * R)
             assert off_line(other.points, [one.points]).max() < 0.1 * R
             assert other.measured_radius_m == pytest.approx(one.measured_radius_m, rel=0.02)
+
+
+def test_the_height_that_resting_strings_lost_is_part_of_the_result(seen: Callable, straight: Callable) -> None:
+    axis = straight((0, 0, R), (0.15, 0, R))
+    surface, normals = seen([axis], noise=0.02 * R)
+    for lost in (0.0, 0.2):
+        lowered = surface - (0.0, 0.0, lost * R)
+        found = refine([strand(axis[::4])], lowered, normals, PARAMETERS)
+        assert found.lost_m == pytest.approx(lost * R, abs=0.02 * R)
+
+
+def test_the_border_offset_is_part_of_the_result_if_there_are_ends(
+    seen: Callable, straight: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(refinement, "measure_border_offset", lambda *_: 0.3 * R)
+    axis = straight((0, 0, R), (0.15, 0, R))
+    surface, normals = seen([axis])
+    assert refine([strand(axis[::4])], surface, normals, PARAMETERS).border_offset_m == 0.3 * R
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ring = np.column_stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), np.full_like(angle, R)])
+    surface, normals = seen([ring])
+    assert refine([strand(ring[::3], closed=True)], surface, normals, PARAMETERS).border_offset_m == 0.0

@@ -42,6 +42,7 @@ const UNITS: Readonly<Record<string, (value: number) => string>> = {
   "more-unexplained-surface": count,
   "table-uncertain": percent,
   "depth-warp": mm,
+  "stereo-depth-corrected": mm,
   "more-views-needed": count,
 };
 
