@@ -88,7 +88,7 @@ def crowded(view: View) -> View:
     v, u = np.indices((800, 1280))
     rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(K).T @ T[:3, :3].T
     depth = (0.05 - T[2, 3]) / rays[..., 2] / view.depth_unit_m
-    return replace(view, depth=depth.astype(np.uint16), K=K)
+    return replace(view, depth=depth.astype(np.uint16), K=K, intensity=None)
 
 
 def test_one_crowded_view_is_excluded_and_most_are_an_error(
