@@ -16,6 +16,7 @@ from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box, Rod
 from cell.simulation.scenes.scenes import StringScene, make_scene
+from recognition.assembly.chain_ends import mark_touching_ends
 from recognition.assembly.crossings import find_fitted_crossings
 from recognition.assembly.sharp_bends import sharp_bend_findings
 from recognition.grasping.gripper import Gripper
@@ -176,9 +177,10 @@ def unseen_upper_strand() -> Sequence[Finding]:
     return find_fitted_crossings([chain(0, over[::4], views=0), chain(1, under[::4])]).findings
 
 
-def fragmented() -> Sequence[Finding]:
-    """A radius that is 29 % too small breaks the knot into two chains."""
-    return findings_of(simulate(make_scene("overhand-knot", 13), camera_model("ideal"), 13), r=0.003, half_m=None)
+def facing_ends() -> Sequence[Finding]:
+    """Two chains end to end. Tracing connects such strands, so no scan of the tests leaves them apart."""
+    chains = [chain(0, line((-0.1, 0), (-0.002, 0))[::4]), chain(1, line((0.002, 0), (0.1, 0))[::4])]
+    return mark_touching_ends(chains)[1]
 
 
 @cache
@@ -332,7 +334,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "connection-uncertain": hidden_junction,
     "crossing-undecided": flat_crossing,
     "upper-strand-unseen": unseen_upper_strand,
-    "ends-touching": fragmented,
+    "ends-touching": facing_ends,
     "possible-branch": lambda: findings_of(scanned(line(*ALONG_X), line((0, 0), (0, 0.1)))),
     "end-unobserved": string_into_box,
     "possible-bar": far_away,
