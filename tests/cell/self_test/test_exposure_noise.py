@@ -130,7 +130,7 @@ def test_a_frame_rate_that_is_not_reached_is_reported(noise: ExposureNoise | Non
     assert "the camera sends 13.8 instead of 30 images/s" in step.message
     rendering = noise_found(noise, 13.8, SimulatedCamera(exposures=1))
     assert rendering.outcome == "ok", "the computer sets the rate of a camera that renders its images"
-    assert rendering.message.startswith("13.8 images/s, as fast as this computer")
+    assert rendering.message.startswith("13.8 images/s, as this computer renders them")
     assert noise is None or step.figures is None or step.figures["medians"][2]["time_s"] == pytest.approx(5 / 13.8)
     assert "set camera.fps to 14" in (step.what_to_do or "")
     assert step.figures is not None
