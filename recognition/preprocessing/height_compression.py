@@ -54,8 +54,10 @@ BANDWIDTH = 0.05
 MAX_RESTING = 1.05
 """Maximum height of the peak of resting strings in the density, in 2 r. Higher peaks are those of strings that lie on
 others, which can be most of a knot."""
+MAX_COMPARED = 1.4
+"""The same limit if r may be too small by a quarter."""
 PEAK_SHARE = 0.25
-"""Minimum density of this peak, as a share of the densest one up to `MAX_RESTING`.
+"""Minimum density of this peak, as a share of the densest one below the limit.
 
 The highest such peak counts. Windows compress all resting strings alike, so lower peaks are those of other objects.
 """
@@ -138,7 +140,7 @@ def estimate_compression(views: Sequence[Ridges], r: float) -> float:
     confirmed = _confirm(views, r)
     if confirmed is None:
         return 1.0
-    compression = _resting_height(confirmed)
+    compression = _resting_height(confirmed, MAX_RESTING)
     if compression is None or compression > 1 - MIN_LOSS:
         return 1.0
     return max(compression, MIN_COMPRESSION)
@@ -159,7 +161,7 @@ def estimate_radius(views: Sequence[Ridges], r: float) -> float | None:
     if confirmed is None:
         return None
     half_width = float(np.median(confirmed.half_width))
-    height = _resting_height(confirmed)
+    height = _resting_height(confirmed, MAX_COMPARED)
     if height is None:
         return None
     half_height = height * min(half_width, 1.0)
@@ -225,13 +227,13 @@ def _confirm(views: Sequence[Ridges], r: float) -> _ConfirmedRidges | None:
     return confirmed if len(confirmed.height) >= MIN_RIDGES else None
 
 
-def _resting_height(confirmed: _ConfirmedRidges) -> float | None:
-    """Return the height of resting strings, relative as the heights of the ridges, or None if it is not clear."""
+def _resting_height(confirmed: _ConfirmedRidges, limit: float) -> float | None:
+    """Return the height of resting strings, as heights of ridges are measured, or None if none is below a limit."""
     counts, edges = np.histogram(confirmed.height, np.arange(0.0, MAX_HEIGHT, HEIGHT_BIN))
     density = ndimage.gaussian_filter1d(counts.astype(np.float64), BANDWIDTH / HEIGHT_BIN)
     is_peak = (density[1:-1] >= density[:-2]) & (density[1:-1] > density[2:])
     peaks = np.flatnonzero(is_peak) + 1
-    peaks = peaks[edges[peaks] < MAX_RESTING]
+    peaks = peaks[edges[peaks] < limit]
     if len(peaks) == 0:
         return None
     resting = peaks[density[peaks] > PEAK_SHARE * density[peaks].max()][-1]

@@ -18,6 +18,7 @@ from recognition.preprocessing.height_compression import (
     MIN_RIDGES,
     Ridges,
     estimate_compression,
+    estimate_radius,
     find_ridges,
     restore_heights,
 )
@@ -145,6 +146,22 @@ def test_ridges_that_one_view_shows_do_not_count() -> None:
     shown = Ridges(np.column_stack([x, 0 * x]), np.full(len(x), COMPRESSION), np.ones(len(x)))
     elsewhere = [replace(shown, xy=shown.xy + (0, 0.02 * k)) for k in range(4)]
     assert estimate_compression(elsewhere, R) == 1.0
+
+
+@pytest.mark.parametrize("compared", [0.8, 1.0, 1.25])
+@pytest.mark.parametrize(("height", "half_width"), [(1.0, 1.0), (0.7, 1.0), (1.0, 1.3), (0.8, 0.9)])
+def test_the_radius_is_between_half_the_height_and_half_the_width(
+    compared: float, height: float, half_width: float
+) -> None:
+    x = np.linspace(0.0, 0.1, MIN_RIDGES)
+    shown = np.full(len(x), height / compared), np.full(len(x), half_width / compared)
+    ridges = Ridges(np.column_stack([x, 0 * x]), *shown)
+    radius = estimate_radius([ridges, ridges], compared * R)
+    assert radius is not None
+    # The height is known to half a bin of 0.01.
+    assert min(height, half_width) - 0.01 <= radius / R <= max(height, half_width) + 0.01
+    fewer = Ridges(ridges.xy[:10], ridges.height[:10], ridges.half_width[:10])
+    assert estimate_radius([fewer, fewer], compared * R) is None
 
 
 def test_heights_of_strings_are_restored(beside_box: SimulatedScan) -> None:

@@ -46,6 +46,13 @@ def test_a_string_rests_on_what_lies_under_it_along_its_length(
     assert support.height_under(straight().points, R) == pytest.approx(TABLE_Z + height, abs=1e-7)
 
 
+def test_a_raised_part_of_a_noisy_table_is_no_object() -> None:
+    heights = table((-0.15, 0.15, -0.04, 0.04, 0.003))
+    for scatter_m, height in ((0.001, 0.003), (0.002, 0.0)):
+        support = SupportSurface(TABLE_Z, heights, scatter_m=scatter_m)
+        assert support.height_under(straight().points, R) == pytest.approx(TABLE_Z + height, abs=1e-7)
+
+
 def test_without_a_height_map_a_string_rests_on_the_table() -> None:
     assert SupportSurface(TABLE_Z).height_under(straight().points, R) == TABLE_Z
     far = straight().points + (5.0, 0.0, 0.0)

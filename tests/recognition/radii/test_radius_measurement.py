@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cell.config.rendering_options import RenderingOptions
 from cell.simulation.offline_scan import SimulatedScan, simulate
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
@@ -241,3 +242,13 @@ def test_without_anything_like_a_string_the_error_says_so(degrees: float) -> Non
     assert refusal(string(0.025, degrees=degrees)).startswith(start)
     crumb = string(0.0042, degrees=degrees, length=0.012)
     assert refusal(*(crumb + (0.03 * k, 0.0, 0.0) for k in range(30))).startswith(start)
+
+
+@pytest.mark.parametrize("r", [0.0035, 0.0055])
+def test_the_radius_in_matched_depth_is_that_of_bands(r: float) -> None:
+    options = RenderingOptions(sheath="woven", table_top="printed")
+    scan = simulate(make_scene("loop", 1, radius_m=r), camera_model("oak-d-pro"), 1, views=4, rendering=options)
+    measured = TableAndWarp.measure(scan.views, Scene(0.0, scan.header.workspace_m))
+    assert measured.locking is not None
+    # On a table with much texture, windows change the mean of height and width by up to 13 %.
+    assert measure_radius(measured).radius_m == pytest.approx(r, rel=0.2)

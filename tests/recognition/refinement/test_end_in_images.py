@@ -132,3 +132,10 @@ def test_the_end_face_does_not_extend_the_line(seen_from: float) -> None:
     image = Image(camera.capture(T, np.random.default_rng(0)), camera.model.depth_unit_m, camera.model.K, T, 0)
     cloud = NormalCloud(0, np.empty((0, 3)), np.empty((0, 3)), np.eye(4), T, image)
     assert localise_end_in_images(line_from(0.5 * R), [cloud], None, R)[0, 0] == pytest.approx(0.0, abs=0.001)
+
+
+def test_the_border_offset_moves_the_end_inwards() -> None:
+    seen = views([straight((0, 0), (0.1, 0))])
+    as_shown = localise_end_in_images(line_from(0), seen, None, R)
+    moved = localise_end_in_images(line_from(0), seen, None, R, border_offset_m=0.3 * R)
+    assert moved[0, 0] == pytest.approx(as_shown[0, 0] + 0.3 * R, abs=1e-9)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from recognition.refinement.object_shapes import is_fold, is_other_rod, is_upright
+from recognition.refinement.object_shapes import is_fold, is_other_rod, is_upright, may_be_matched_bar
 from recognition.refinement.refinement import FittedStrand
 
 R = 0.004
@@ -53,3 +53,10 @@ def test_a_rod_is_straight_and_has_another_radius() -> None:
 def test_a_fold_is_higher_than_its_width(radius_m: float, height_m: float, expected: bool) -> None:
     on_table = strand(arc(1.0, height_m + 0.1), radius_m)
     assert is_fold(on_table, R, table_z_m=0.1) == expected
+
+
+def test_a_matched_bar_is_straight() -> None:
+    # A radius of curvature of 2 m moves the middle of 120 mm by 0.9 mm, 0.3 mm root mean square; one of 0.2 m by 9 mm.
+    assert may_be_matched_bar(strand(arc(0.5)))
+    assert not may_be_matched_bar(strand(arc(5.0)))
+    assert not may_be_matched_bar(replace(strand(arc(0.5)), closed=True))

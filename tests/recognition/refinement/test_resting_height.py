@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from recognition.refinement.resting_height import (
+    MAX_EXCESS_SCATTERS,
     MIN_RESTING_POINTS,
     RestingHeights,
     add_lost_height,
@@ -119,3 +120,16 @@ def test_no_lost_height_changes_nothing() -> None:
 def test_points_below_the_table_stay() -> None:
     z_m = np.array([-0.002, -0.0001])
     np.testing.assert_array_equal(add_lost_height(z_m, 0.0, 2 * R, 0.3 * R), z_m)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.1])
+def test_a_high_line_is_lowered_as_far_as_the_scatter_of_the_table_explains(scatter: float) -> None:
+    lines = [line(1.1)]
+    resting = find_resting_heights(lines, np.array([R]), np.zeros(1), R, table_scatter_m=scatter * R)
+    # The median of 100 heights is within 0.01 radii, as above.
+    assert resting.lost_m == pytest.approx(-min(0.1, MAX_EXCESS_SCATTERS * scatter) * R, abs=0.01 * R)
+
+
+def test_a_low_line_is_raised_whatever_the_scatter_of_the_table() -> None:
+    resting = find_resting_heights([line(0.9)], np.array([R]), np.zeros(1), R, table_scatter_m=0.1 * R)
+    assert resting.lost_m == pytest.approx(0.1 * R, abs=0.01 * R)

@@ -86,3 +86,18 @@ def test_nothing_seen_and_no_fragments() -> None:
     whole = [fragment(eye(1.3)[0])]
     assert split_merged_strands(whole, np.empty((0, 3)), PARAMETERS) == whole
     assert split_merged_strands([], np.empty((0, 3)), PARAMETERS) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_strand_that_is_unevenly_widened_is_not_cut(seed: int) -> None:
+    # Windows of a stereo camera widen every string, here by 0.3 r with a standard deviation of 0.1 r.
+    rng = np.random.default_rng(seed)
+    x = np.linspace(-0.15, 0.15, 400)
+    widening = np.interp(x, np.linspace(-0.15, 0.15, 40), rng.normal(0.3, 0.1, 40))
+    surface = []
+    for share in np.linspace(-1, 1, 41):
+        height = 1.2 + 0.8 * np.sqrt(1 - share**2)
+        surface.append(np.column_stack([x, share * (1 + widening) * R, np.full(len(x), height * R)]))
+    middle = np.column_stack([x, np.zeros(len(x)), np.full(len(x), R)])
+    (whole,) = split_merged_strands([fragment(middle)], np.vstack(surface), PARAMETERS)
+    assert len(whole.points) == len(fragment(middle).points)
