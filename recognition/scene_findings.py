@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from recognition.assembly.chain_ends import unobserved_end_findings
 from recognition.assembly.checked_chains import CheckedChains
 from recognition.assembly.sharp_bends import sharp_bend_findings
-from recognition.assembly.stereo_findings import stereo_findings
+from recognition.assembly.stereo_findings import stereo_findings, uncertain_radius_findings
 from recognition.assembly.table_frame import table_findings
 from recognition.assembly.unexplained import possible_object_findings, unexplained_findings
 from recognition.assembly.view_findings import (
@@ -79,7 +79,8 @@ def _radius_findings(
     chains: Sequence[Chain],
     findings: Sequence[Finding],
 ) -> Sequence[Finding]:
-    """Return the finding that a given radius is probably wrong. A measured radius comes from these views."""
+    """Return the finding that a given radius is probably wrong, or that a measured one is uncertain."""
+    measured = surface.ingested.measured
     if request.radius_m is None:
-        return ()
-    return other_radius_findings(surface.ingested.measured, surface.parameters, chains, findings)
+        return uncertain_radius_findings(measured.locking, surface.parameters.r, chains)
+    return other_radius_findings(measured, surface.parameters, chains, findings)

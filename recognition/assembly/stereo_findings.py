@@ -1,8 +1,9 @@
-"""Findings on the errors of stereo matching that were corrected."""
+"""Findings on the errors of stereo matching: those that were corrected, and a radius measured in such depth."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.preprocessing.pixel_locking import PixelLocking
 from recognition.refinement.refinement import Refinement
@@ -40,6 +41,25 @@ def stereo_findings(
     listed = "; ".join(correction.message for correction in corrections)
     largest_m = max(correction.size_m for correction in corrections)
     return (finding("stereo-depth-corrected", f"errors of stereo matching were corrected: {listed}", value=largest_m),)
+
+
+def uncertain_radius_findings(locking: PixelLocking | None, r: float, chains: Sequence[Chain]) -> Sequence[Finding]:
+    """Return the doubt about a radius that was measured in matched depth, or none. It concerns all chains.
+
+    Windows change height and width of strings, so that neither shows the radius exactly.
+
+    Args:
+        locking: Pixel locking, which shows that the depth was matched, or None.
+        r: Measured radius of the strings, metres.
+        chains: Chains of the model.
+    """
+    if locking is None or not chains:
+        return ()
+    message = (
+        f"the radius {_mm(r)} was measured in depth of a stereo camera, where it can be wrong by a quarter: give the "
+        "radius of the string"
+    )
+    return (finding("radius-uncertain", message, chains=[chain.id for chain in chains], value=r),)
 
 
 def _corrections_of_depth(locking: PixelLocking | None, compression: float, r: float) -> Iterator[_Correction]:

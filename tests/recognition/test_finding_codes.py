@@ -58,7 +58,7 @@ def scanned(*curves: Points, boxes: Sequence[Box] = (), views: int = 6) -> Simul
 
 def findings_of(
     scan: SimulatedScan,
-    r: float = R,
+    r: float | None = R,
     views: Sequence[View] | None = None,
     half_m: float | None = 0.13,
     gripper: Gripper = DEFAULT_GRIPPER,
@@ -342,6 +342,7 @@ PROVOCATIONS: dict[FindingCode, Callable[[], Sequence[Finding]]] = {
     "possible-object": string_along_box,
     "above-table": raised,
     "radius-much-smaller": with_radius(0.006),
+    "radius-uncertain": lambda: findings_of(one_string(), r=None, views=with_pixel_locking(one_string().views)),
     "possible-string": lambda: sunk(0.2, 0.4),
     "string-of-other-radius": with_radius(0.009),
     "table-not-covered": lambda: findings_of(one_string(), half_m=0.6),
@@ -415,6 +416,7 @@ EXPECTED: dict[FindingCode, Expected] = {
     "possible-object": has("chains point value limit", "above"),
     "above-table": has("chains value limit", "above"),
     "radius-much-smaller": has("chains value limit", "below"),
+    "radius-uncertain": has("chains value"),
     "possible-string": has("point value"),
     "string-of-other-radius": has("point value limit", "below"),
     "table-not-covered": has("value limit", "above"),
@@ -539,6 +541,15 @@ def test_pixel_locking_is_a_note_with_and_without_a_string() -> None:
         depth_m = np.median([view.depth[view.depth > 0] * view.depth_unit_m for view in without_string])
         # A tenth of a disparity, 1/30 per metre. The table in the workspace is up to a tenth farther than all of it.
         assert note.value == pytest.approx(0.1 / 30 * depth_m**2, rel=0.3)
+
+
+def test_only_a_radius_that_was_measured_in_matched_depth_is_uncertain() -> None:
+    matched = with_pixel_locking(one_string().views)
+    doubt = only(findings_of(one_string(), r=None, views=matched), "radius-uncertain")
+    # Without windows, half height and half width of a band are the radius, to a tenth in coarse pixels.
+    assert doubt.value == pytest.approx(R, rel=0.1)
+    for findings in (findings_of(one_string(), views=matched), findings_of(one_string(), r=None)):
+        assert not any(found.code == "radius-uncertain" for found in findings)
 
 
 def test_the_measured_radius_is_the_value() -> None:

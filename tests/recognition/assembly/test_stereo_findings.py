@@ -1,11 +1,12 @@
-"""The note on errors of stereo matching that were corrected."""
+"""The note on errors of stereo matching that were corrected, and the doubt about a radius measured in such depth."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from recognition.assembly.stereo_findings import MIN_SHIFT_RADII, stereo_findings
+from recognition.assembly.stereo_findings import MIN_SHIFT_RADII, stereo_findings, uncertain_radius_findings
+from recognition.model.chains import Chain
 from recognition.preprocessing.pixel_locking import HARMONICS, PixelLocking
 from recognition.refinement.refinement import Refinement
 
@@ -54,3 +55,18 @@ def test_a_note_lists_only_what_applies_and_its_direction() -> None:
     assert outwards.message.endswith("corrected: ends were moved outwards by 0.4 mm")
     (without_strings,) = stereo_findings(locking(0.2), 1.0, None, R)
     assert without_strings.value == pytest.approx(0.00096, rel=0.01)
+
+
+def test_a_radius_from_matched_depth_is_a_doubt_on_all_chains() -> None:
+    points = np.linspace((0.0, 0.0, R), (0.02, 0.0, R), 5)
+    chain = Chain(0, False, R, points, np.zeros(5), np.ones(5, dtype=np.int64), ("free", "free"))
+    chains = (chain, replace(chain, id=1))
+    (doubt,) = uncertain_radius_findings(locking(0.1), 0.0045, chains)
+    assert (doubt.code, doubt.severity, doubt.chains) == ("radius-uncertain", "doubt", (0, 1))
+    assert (doubt.value, doubt.limit) == (0.0045, None)
+    assert doubt.message == (
+        "the radius 4.5 mm was measured in depth of a stereo camera, where it can be wrong by a quarter: give the "
+        "radius of the string"
+    )
+    assert uncertain_radius_findings(locking(0.1), 0.0045, ()) == ()
+    assert uncertain_radius_findings(None, 0.0045, chains) == ()

@@ -22,6 +22,7 @@ const UNITS: Readonly<Record<string, (value: number) => string>> = {
   "possible-object": percent,
   "above-table": mm,
   "radius-much-smaller": mm,
+  "radius-uncertain": mm,
   "possible-string": length,
   "string-of-other-radius": mm,
   "table-not-covered": percent,
