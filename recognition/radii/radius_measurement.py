@@ -81,16 +81,14 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     surface = replace(surface, clouds=(), occlusion_map=OcclusionMap(surface.points))
     # Each string has a measured radius, whether or not its tube has the rough one.
     strings = find_strings(surface, rough).classified.strings
-    if matched_m is not None:
-        if not strings:
-            raise RadiusUnknownError(
-                f"bands above the table are about as wide as a string of radius {rough.r * 1000:.1f} mm, but no string "
-                "was found with it, so no radius can be measured: give the radius"
-            )
-        # the heights were restored to those of the rough radius, so the tubes show no other
+    if not strings and measured.locking is not None:
+        raise RadiusUnknownError(
+            f"what is above the table may be strings with a radius of about {rough.r * 1000:.1f} mm, but no string was "
+            "found with it, so no radius can be measured: give the radius"
+        )
+    if matched_m is not None or not strings:
+        # heights of matched depth were restored to those of the rough radius, so the tubes show no other
         return MeasuredRadius(rough.r, strings)
-    if not strings:
-        return MeasuredRadius(rough.r)
     return MeasuredRadius(_median_radius(strings), strings)
 
 
