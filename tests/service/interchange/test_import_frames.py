@@ -19,6 +19,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.scenes import make_scene
 from service.cli.main import main
 from service.processing.results import recognise_recording
+from tests.service.intensity_images import with_intensity
 
 Change = Callable[[Path], object]
 
@@ -507,8 +508,9 @@ def test_nothing_is_overwritten_and_a_folder_is_needed(
 def write_intensities(folder: Path, recording: Recording) -> Path:
     folder.mkdir()
     for view in recording.views:
-        assert view.intensity is not None
-        assert cv2.imwrite(str(folder / f"{view.index + 8}.png"), view.intensity)
+        intensity = with_intensity(view).intensity
+        assert intensity is not None
+        assert cv2.imwrite(str(folder / f"{view.index + 8}.png"), intensity)
     return folder
 
 
@@ -521,8 +523,7 @@ def test_intensity_images_are_imported(recording: Recording, tmp_path: Path) -> 
         assert main(["import", "frames", str(folder), str(tmp_path / name), *given]) == 0
     assert all(view.intensity is None for view in read_recording(tmp_path / "without.mcap").views)
     for got, wanted in zip(read_recording(tmp_path / "with.mcap").views, recording.views, strict=True):
-        assert wanted.intensity is not None
-        np.testing.assert_array_equal(got.intensity, wanted.intensity)
+        np.testing.assert_array_equal(got.intensity, with_intensity(wanted).intensity)
     assert document(tmp_path / "with.mcap") == document(tmp_path / "without.mcap")
 
 

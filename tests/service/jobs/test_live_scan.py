@@ -81,6 +81,7 @@ def test_a_live_scan_gives_the_true_model_and_a_replay_gives_the_same(
         "recording_sha256": hashlib.sha256(content).hexdigest(),
         "calibration_sha256": scan["calibration_sha256"],
         "simulated": True,
+        "intensity_views": 8,
     }
     assert scan["started_at"] < model["provenance"]["captured_at"] < scan["ended_at"]
     assert (scan["simulated"], again["simulated"], recording["simulated"]) == (True, True, True)

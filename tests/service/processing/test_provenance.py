@@ -18,11 +18,13 @@ from recognition.pipeline import recognise
 from recognition.request import RecognitionRequest
 from service.batch.recognise_file import recognise_file
 from service.processing.results import Source, recognise_recording
+from tests.service.intensity_images import with_intensity
 
 
 @pytest.fixture(scope="module")
 def scan() -> SimulatedScan:
-    return simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4)
+    scan = simulate(make_scene("arc", 1), camera_model("exact", (320, 200)), 1, views=4)
+    return replace(scan, views=tuple(map(with_intensity, scan.views)))
 
 
 def written(scan: SimulatedScan, path: Path, stamps: float | None = None, **changes: object) -> Path:

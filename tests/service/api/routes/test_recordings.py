@@ -17,6 +17,7 @@ from service.api.dependencies import Context
 from service.api.routes.recordings import MAX_UPLOADS
 from tests.cell.recording.test_foreign_recording import Foreign
 from tests.service.conftest import PATIENCE_S, ServedClient, wait_until
+from tests.service.intensity_images import with_intensity
 from tests.service.security.conftest import without_recognition
 
 Serve = Callable[..., AbstractContextManager[ServedClient]]
@@ -42,10 +43,15 @@ def test_an_uploaded_recording_is_returned_unchanged(client: httpx2.Client, reco
 def test_an_uploaded_recording_keeps_its_intensity_images(
     client: httpx2.Client, recording_file: Path, tmp_path: Path
 ) -> None:
-    found = client.post("/api/recordings", content=recording_file.read_bytes()).json()
+    recording = read_recording(recording_file)
+    with RecordingWriter(tmp_path / "upload.mcap", recording.header) as writer:
+        for view in recording.views:
+            writer.write_view(with_intensity(view))
+    found = client.post("/api/recordings", content=(tmp_path / "upload.mcap").read_bytes()).json()
     (tmp_path / "download.mcap").write_bytes(client.get(found["links"]["file"]).content)
     views = read_recording(tmp_path / "download.mcap").views
-    assert [view.intensity is not None for view in views] == [True] * 4
+    for view, uploaded in zip(views, recording.views, strict=True):
+        np.testing.assert_array_equal(view.intensity, with_intensity(uploaded).intensity)
 
 
 def test_an_upload_whose_intensity_image_does_not_fit_is_refused(
