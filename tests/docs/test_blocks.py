@@ -76,7 +76,7 @@ NOT_COMPARED_HERE = {
     "README.md": "compared by tests/service/cli/test_main.py",
     "docs/integrator/calibration.md": "the result of another cell; the second is compared by "
     "tests/service/cli/calibrate/test_run.py",
-    "docs/integrator/depth-camera.md": "the tables of two cells; tests/cell/self_test/test_depth_quality.py tests the step",
+    "docs/integrator/depth-camera.md": "the tables of two cells; the step has tests of its own",
     "docs/integrator/exposures.md": "a measurement that takes the time of a real camera",
     "docs/integrator/security.md": "the audit log of a cell with a history",
     "docs/operator/checks.md": "the data folder of a cell with a history",
