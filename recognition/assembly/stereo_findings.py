@@ -8,7 +8,7 @@ from recognition.model.findings import Finding, finding
 from recognition.preprocessing.pixel_locking import PixelLocking
 from recognition.refinement.refinement import Refinement
 
-MIN_SHIFT_RADII = 0.03
+MIN_SHIFT_RADII = 0.06
 """Minimum shift of heights or ends that is worth a note, in radii r. Without windows, both are less."""
 
 

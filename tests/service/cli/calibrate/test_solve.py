@@ -226,7 +226,7 @@ def test_activate_makes_a_result_the_active_calibration(
             "with camera 19443010, this is camera 184430",
         ),
         ("[camera]\nkind = 'oak'\n", "with robot 20225500123, this is robot 2025050001"),
-        ("", "with camera 19443010, this is camera simulated-ideal-3"),
+        ("", "with camera 19443010, this is camera simulated-oak-d-pro-3"),
     ],
     ids=["another camera", "a simulated arm", "the default cell"],
 )
