@@ -16,8 +16,6 @@ from cell.config.camera_optics import DOT_PROJECTORS, CameraOptics
 from cell.config.rendering_options import TableTop
 from cell.config.strict_model import Range, StrictSettings
 
-SUFFIX = ".json"
-"""Ending of the name of a camera file, by which it differs from the name of a camera."""
 MAX_BYTES = 1 << 20
 """Largest size of a camera file."""
 DISPARITY_STEP = 16
@@ -119,11 +117,6 @@ class CameraPreset(StrictSettings):
             ]
         )
         return CameraOptics(K, self.width, self.height, self.near_m, working_m or self.working_m)
-
-
-def is_preset_path(name: str | os.PathLike[str]) -> bool:
-    """Return whether a camera is given by its file instead of its name."""
-    return str(name).lower().endswith(SUFFIX)
 
 
 def read_preset(path: str | os.PathLike[str]) -> CameraPreset:

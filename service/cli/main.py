@@ -10,7 +10,7 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from cell.config.camera_names import CAMERA_NAMES, DEFAULT_CAMERA
+from cell.config.camera_names import CAMERA_NAMES, DEFAULT_CAMERA, is_preset_path
 from service.cli.calibrate.parser import add_calibrate_commands
 from service.cli.commands.audit import add_audit_command
 from service.cli.commands.batch import add_batch_commands
@@ -73,8 +73,10 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument(
         "--camera",
         default=DEFAULT_CAMERA,
-        choices=CAMERA_NAMES,
-        help="camera. oak-d-pro, oak-d-sr and d435 match their depth in rendered images (%(default)s)",
+        type=_camera,
+        metavar="CAMERA",
+        help=f"one of {', '.join(CAMERA_NAMES)}, or a file of camera-profile (CAMERA.json). oak-d-pro, oak-d-sr and "
+        "d435 match their depth in rendered images (%(default)s)",
     )
     _add_rendering_options(simulate)
     simulate.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (%(default)s)")
@@ -171,6 +173,16 @@ def _parser() -> argparse.ArgumentParser:
     openapi = commands.add_parser("openapi", help="print the OpenAPI description of the HTTP interface as JSON")
     openapi.set_defaults(run=_openapi)
     return parser
+
+
+def _camera(text: str) -> str:
+    """Return a name of a camera, or the path of a camera file. Its content is checked when it is read."""
+    if text in CAMERA_NAMES or is_preset_path(text):
+        return text
+    raise argparse.ArgumentTypeError(
+        f"there is no camera {text!r}: choose one of {', '.join(CAMERA_NAMES)}, or give a file of camera-profile, "
+        "whose name ends with .json"
+    )
 
 
 def _add_rendering_options(simulate: argparse.ArgumentParser) -> None:

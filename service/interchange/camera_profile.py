@@ -10,7 +10,8 @@ import numpy as np
 from calibration.atomic_write import replace_synced
 from cell.camera_profile.depth_profile import DepthProfile, ProfileError, from_document
 from cell.camera_profile.measure import PoseImages
-from cell.config.camera_preset import SUFFIX, CameraPreset, to_text
+from cell.config.camera_names import PRESET_SUFFIX, is_preset_path
+from cell.config.camera_preset import CameraPreset, to_text
 from cell.devices import View
 from cell.recording import read_recording
 from service.errors import INPUT_ERRORS
@@ -80,8 +81,9 @@ def profile_recording(options: argparse.Namespace) -> int:
     """
     from cell.simulation.profiling.camera_fit import FitOptions
 
-    if options.out.suffix.lower() != SUFFIX:
-        print(f"{COMMAND}: {options.out} must end with {SUFFIX}, because cameras are named by it", file=sys.stderr)
+    if not is_preset_path(options.out):
+        message = f"{options.out} must end with {PRESET_SUFFIX}, because cameras are named by it"
+        print(f"{COMMAND}: {message}", file=sys.stderr)
         return 1
     if options.out.exists():
         print(f"{COMMAND}: {options.out} exists already; nothing is overwritten", file=sys.stderr)

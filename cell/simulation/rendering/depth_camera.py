@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import rigid
 from cell.camera.frame_averaging import mean_image, median
+from cell.config.camera_names import is_preset_path
 from cell.config.camera_optics import DOT_PROJECTORS, STEREO_BASELINES_M, CameraName, simulated_optics
-from cell.config.camera_preset import DISPARITY_STEP, CameraPreset, is_preset_path, read_preset
+from cell.config.camera_preset import DISPARITY_STEP, CameraPreset, read_preset
 from cell.config.rendering_options import RenderingOptions, TableTop
 from cell.simulation.rendering.appearance import appearance_of_seed
 from cell.simulation.rendering.calibration_board import Print
