@@ -11,7 +11,7 @@ from cell.camera_profile.correlation import correlation_length_px
 from cell.camera_profile.depth_profile import DepthProfile, ProfileError
 from cell.camera_profile.surface_fit import INLIER_SIGMAS, SurfaceFit, TableImage, fit_surfaces
 from cell.camera_profile.table_pixels import TablePixels, find_table
-from recognition.preprocessing.pixel_locking import PixelLocking
+from recognition.depth_correction.pixel_locking import PixelLocking
 from recognition.preprocessing.plane_fit import median_sigma
 
 EDGE_RING_PX = 8

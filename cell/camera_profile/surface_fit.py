@@ -9,7 +9,7 @@ from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 
 from cell.camera_profile.table_pixels import image_positions
-from recognition.preprocessing.pixel_locking import LockingSample, PixelLocking, measure_locking
+from recognition.depth_correction.pixel_locking import LockingSample, PixelLocking, measure_locking
 from recognition.preprocessing.plane_fit import median_sigma
 
 DEGREE = 5

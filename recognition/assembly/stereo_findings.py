@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from recognition.depth_correction.pixel_locking import PixelLocking
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
-from recognition.preprocessing.pixel_locking import PixelLocking
 from recognition.refinement.refinement import Refinement
 
 MIN_SHIFT_RADII = 0.06

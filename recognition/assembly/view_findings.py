@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from recognition.depth_correction.depth_warp import MIN_WARP_M, DepthWarp
 from recognition.model.chains import Chain
 from recognition.model.finding_types import FindingCode
 from recognition.model.findings import Finding, finding
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.depth_warp import MIN_WARP_M, DepthWarp
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.table_scatter import NOISE_ADVICE, THRESHOLD_SIGMAS, max_scatter_m
 from recognition.registration.registration import Registration

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.transforms import inverse
-from recognition.errors import DuplicateViewError
-from recognition.preprocessing.depth_warp import (
+from recognition.depth_correction.depth_warp import (
     MAX_VIEWS,
     DepthWarp,
     TableSample,
@@ -22,13 +21,14 @@ from recognition.preprocessing.depth_warp import (
     measure_warp,
     sample_table,
 )
-from recognition.preprocessing.pixel_locking import (
+from recognition.depth_correction.pixel_locking import (
     LockingSample,
     PixelLocking,
     correct_locking,
     measure_locking,
     sample_locking,
 )
+from recognition.errors import DuplicateViewError
 from recognition.preprocessing.table_measurement import ViewPlane, measure_table
 from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.measured_table import (

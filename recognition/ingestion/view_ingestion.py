@@ -7,17 +7,17 @@ from typing import Self
 
 import numpy as np
 
-from recognition.errors import TableElsewhereError, TooCrowdedError
-from recognition.ingestion.table_and_warp import TableAndWarp
-from recognition.model.quality import ViewQuality
-from recognition.parameters import ChainParameters
-from recognition.preprocessing.height_compression import (
+from recognition.depth_correction.height_compression import (
     MAX_CHANGE,
     Ridges,
     estimate_compression,
     find_ridges,
     restore_heights,
 )
+from recognition.errors import TableElsewhereError, TooCrowdedError
+from recognition.ingestion.table_and_warp import TableAndWarp
+from recognition.model.quality import ViewQuality
+from recognition.parameters import ChainParameters
 from recognition.preprocessing.height_map import HeightLayer, HeightMap, height_layer, merge_layers
 from recognition.preprocessing.normals import NormalCloud, estimate_normals
 from recognition.preprocessing.table_measurement import SEARCH_M, height_far_from_table

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from recognition.depth_correction.height_compression import estimate_radius, find_ridges
 from recognition.errors import RadiusUnknownError, RecognitionError
 from recognition.geometry.polyline import arc_length
 from recognition.ingestion.table_and_warp import TableAndWarp
@@ -12,7 +13,6 @@ from recognition.messages import format_position
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
 from recognition.parameters import R_MAX, R_MIN, ChainParameters
-from recognition.preprocessing.height_compression import estimate_radius, find_ridges
 from recognition.preprocessing.target_cloud import DepthView, Scene, align_view, preprocess
 from recognition.radii.ridges import estimate_rough_radius
 from recognition.refinement.refinement import FittedStrand

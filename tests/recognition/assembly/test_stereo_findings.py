@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from recognition.assembly.stereo_findings import MIN_SHIFT_RADII, stereo_findings, uncertain_radius_findings
+from recognition.depth_correction.pixel_locking import HARMONICS, PixelLocking
 from recognition.model.chains import Chain
-from recognition.preprocessing.pixel_locking import HARMONICS, PixelLocking
 from recognition.refinement.refinement import Refinement
 
 R = 0.004

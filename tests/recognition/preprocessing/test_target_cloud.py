@@ -8,9 +8,9 @@ import pytest
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from cell.devices import View
+from recognition.depth_correction.depth_warp import CorrectedView
 from recognition.errors import InvalidSceneError
 from recognition.parameters import ChainParameters
-from recognition.preprocessing.depth_warp import CorrectedView
 from recognition.preprocessing.target_cloud import Scene, deproject, intensity_of, preprocess
 
 EXACT = {"rtol": 0, "atol": 1e-14}

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector, inverse, transform_points
 from cell.planning.look_at import look_at, two_rings
+from recognition.depth_correction.depth_warp import CorrectedView
 from recognition.errors import TableElsewhereError
-from recognition.preprocessing.depth_warp import CorrectedView
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.registration.measured_table import (
     MAX_SIGMA,

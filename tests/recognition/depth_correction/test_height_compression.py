@@ -12,9 +12,8 @@ from cell.simulation.pose_errors import NO_ERRORS
 from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene, make_scene
-from recognition.parameters import ChainParameters
-from recognition.preprocessing.depth_warp import CorrectedView
-from recognition.preprocessing.height_compression import (
+from recognition.depth_correction.depth_warp import CorrectedView
+from recognition.depth_correction.height_compression import (
     MIN_RIDGES,
     Ridges,
     estimate_compression,
@@ -22,6 +21,7 @@ from recognition.preprocessing.height_compression import (
     find_ridges,
     restore_heights,
 )
+from recognition.parameters import ChainParameters
 from recognition.preprocessing.target_cloud import AlignedView, Scene, align_view
 
 Image = NDArray[np.float64]

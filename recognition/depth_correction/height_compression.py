@@ -16,7 +16,7 @@ from scipy import ndimage
 from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import transform_points
-from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
+from recognition.depth_correction.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
 from recognition.preprocessing.target_cloud import AlignedView, deproject, intensity_of, is_in_workspace
 
 MIN_HEIGHT_RADII = 0.5

@@ -12,7 +12,7 @@ from cell.simulation.rendering.depth_camera import camera_model
 from cell.simulation.rendering.stereo_noise import StereoNoise
 from cell.simulation.scenes.clutter import Box
 from cell.simulation.scenes.scenes import StringScene
-from recognition.preprocessing.depth_warp import (
+from recognition.depth_correction.depth_warp import (
     MIN_VIEWS,
     TERMS,
     DepthWarp,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recognition.preprocessing.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m, sample_table
+from recognition.depth_correction.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m, sample_table
 from recognition.preprocessing.plane_fit import median_sigma
 from recognition.preprocessing.table_measurement import ViewPlane
 from recognition.preprocessing.target_cloud import DepthView, Scene, intensity_of

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.transforms import from_rotation_vector
 from cell.devices import View
-from recognition.preprocessing.pixel_locking import (
+from recognition.depth_correction.pixel_locking import (
     HARMONICS,
     LockingSample,
     PixelLocking,
