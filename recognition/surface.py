@@ -1,6 +1,6 @@
 """The measured surface above the table, and what the views saw of the workspace."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +14,8 @@ from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.support_surface import SupportSurface
-from recognition.preprocessing.target_cloud import DepthView, Scene, TargetCloud
+from recognition.preprocessing.table_scatter import median_patch_m
+from recognition.preprocessing.target_cloud import DepthView, Scene
 from recognition.registration.registration import NO_REGISTRATION, Registration, register
 from recognition.registration.table_error import add_table_error
 from recognition.stage_timer import Begin, ignore_stage
@@ -124,14 +125,8 @@ def observe(
             merge_heights(ingested, registration),
             ingested.compression,
             is_matched=ingested.measured.locking is not None,
-            scatter_m=_patch_scatter(ingested.targets),
+            scatter_m=median_patch_m(target.scatter for target in ingested.targets) or 0.0,
         ),
         occlusion_map=OcclusionMap(registration.points, registration.clouds),
         clouds=registration.clouds,
     )
-
-
-def _patch_scatter(targets: Sequence[TargetCloud]) -> float:
-    """Return the median scatter of patches of the table over the views that show it, metres; 0 if none does."""
-    scatters = [target.scatter.patch_m for target in targets if target.scatter.patch_m is not None]
-    return float(np.median(scatters)) if scatters else 0.0

@@ -24,8 +24,6 @@ MIN_EDGE_PIXELS = 500
 """Smallest number of edge pixels for a share of holes."""
 STEADY_QUANTILE = 0.98
 """Share of the pixels that count for the temporal noise. The others change between right and wrong matches."""
-PHASES = 256
-"""Number of phases at which the amplitude of pixel locking is computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,10 +225,7 @@ def _error_image(image: TableImage, error: NDArray[np.float64]) -> NDArray[np.fl
 
 def _amplitude(locking: PixelLocking | None) -> float:
     """Return the amplitude of a sine with the same mean square as the pixel locking, 1/m."""
-    if locking is None:
-        return 0.0
-    phase = np.arange(PHASES) / PHASES
-    return float(np.sqrt(2 * np.mean(locking.error(phase * locking.period_per_m) ** 2)))
+    return 0.0 if locking is None else float(np.linalg.norm(locking.coefficients))
 
 
 def _plane_normal(plane: NDArray[np.float64], images: PoseImages) -> NDArray[np.float64]:

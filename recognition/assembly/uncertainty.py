@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from recognition.assembly.fit_variance import fit_variance
 from recognition.geometry.polyline import unit_vectors
 from recognition.preprocessing.normals import NormalCloud
+from recognition.preprocessing.table_scatter import median_patch_m
 from recognition.refinement.refinement import FittedStrand
 from recognition.registration.registration import Registration
 
@@ -76,8 +77,9 @@ def _depth_variance(
         scatter_m: Standard deviation of the surface points about the tubes, metres. It replaces an unknown scatter of
             the patches.
     """
-    known = [cloud.scatter.patch_m for cloud in registration.clouds if cloud.scatter.patch_m is not None]
-    patch_m = float(np.median(known)) if known else scatter_m
+    patch_m = median_patch_m(cloud.scatter for cloud in registration.clouds)
+    if patch_m is None:
+        patch_m = scatter_m
     n = len(views)
     seen = np.flatnonzero(views)
     if not len(seen):

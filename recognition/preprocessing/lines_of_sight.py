@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from recognition.preprocessing.flying_pixels import DepthImage
 from recognition.preprocessing.normals import NormalCloud
 from recognition.preprocessing.target_cloud import TargetCloud
 
@@ -45,6 +46,16 @@ class ViewCounts:
         return (self.through >= MIN_VIEWS) & (self.through >= self.stopped)
 
 
+@dataclass(frozen=True, eq=False)
+class PointDepths:
+    """Depths along the optical axis of N points, and of what an image shows there."""
+
+    own_m: NDArray[np.float64]
+    """(N,) depth of each point, metres; negative behind the camera."""
+    measured_m: NDArray[np.float64]
+    """(N,) depth measured in the nearest pixel, metres; 0 if nothing was measured, or outside the image."""
+
+
 def count_views(points: Points, r: float, views: Sequence[NormalCloud | TargetCloud]) -> ViewCounts:
     """Count the views that look through each point, and those that a string with its axis there may have stopped.
 
@@ -59,17 +70,29 @@ def count_views(points: Points, r: float, views: Sequence[NormalCloud | TargetCl
         if view.image is None or view.T_base_camera is None:
             continue
         count += 1
-        image = view.image
-        T = view.T_base_camera
-        in_camera = (points - T[:3, 3]) @ T[:3, :3]
-        is_ahead = in_camera[:, 2] > 0
-        pixels = in_camera @ image.K.T
-        columns, rows = np.rint(pixels[:, :2] / np.where(is_ahead, pixels[:, 2], 1.0)[:, None]).astype(np.int64).T
-        height, width = image.depth.shape
-        is_inside = is_ahead & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        depth = image.depth[rows[is_inside], columns[is_inside]] * image.depth_unit_m
-        behind = depth - in_camera[is_inside, 2]
-        is_through = behind > BEHIND_RADII * r
-        through[is_inside] += is_through
-        stopped[is_inside] += ~is_through & (depth > 0) & (behind > -BEFORE_RADII * r)
+        depths = depths_at(points, view.image, view.T_base_camera)
+        is_measured = depths.measured_m > 0
+        behind = depths.measured_m - depths.own_m
+        is_through = is_measured & (behind > BEHIND_RADII * r)
+        through += is_through
+        stopped += is_measured & ~is_through & (behind > -BEFORE_RADII * r)
     return ViewCounts(through, stopped, count)
+
+
+def depths_at(points: Points, image: DepthImage, T_base_camera: NDArray[np.float64]) -> PointDepths:
+    """Return the depths of points, and the depths that an image has in the pixels nearest to them.
+
+    Args:
+        points: (N, 3) points, metres, base frame.
+        image: Depth image.
+        T_base_camera: (4, 4) camera pose, metres.
+    """
+    in_camera = (points - T_base_camera[:3, 3]) @ T_base_camera[:3, :3]
+    is_ahead = in_camera[:, 2] > 0
+    pixels = in_camera @ image.K.T
+    columns, rows = np.rint(pixels[:, :2] / np.where(is_ahead, pixels[:, 2], 1.0)[:, None]).astype(np.int64).T
+    height, width = image.depth.shape
+    is_inside = is_ahead & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    measured_m = np.zeros(len(points))
+    measured_m[is_inside] = image.depth[rows[is_inside], columns[is_inside]] * image.depth_unit_m
+    return PointDepths(own_m=in_camera[:, 2], measured_m=measured_m)

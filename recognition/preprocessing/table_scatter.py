@@ -1,5 +1,6 @@
 """Scatter of the measured depth, taken from the table."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +48,12 @@ class TableScatter:
     patch_m: float | None = None
     """Standard deviation of the mean height of patches of edge length 2 r, metres, without the part that is independent
     in each pixel; None if unknown. Averaging over pixels does not reduce it."""
+
+
+def median_patch_m(scatters: Iterable[TableScatter]) -> float | None:
+    """Return the median scatter of patches over the views in which it is known, metres; None if it is in none."""
+    known = [scatter.patch_m for scatter in scatters if scatter.patch_m is not None]
+    return float(np.median(known)) if known else None
 
 
 def max_scatter_m(parameters: ChainParameters) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.geometry.polyline import arc_length, unit_vectors
+from recognition.preprocessing.lines_of_sight import depths_at
 from recognition.preprocessing.normals import NormalCloud
 from recognition.refinement.resting_height import is_away_from_others
 
@@ -96,34 +97,16 @@ def _sample_profiles(
     """Return which samples (P, S) of the profiles of a view are measured, and which of them show the string."""
     assert view.image is not None
     assert view.T_base_camera is not None
-    R = view.T_base_camera[:3, :3]
     camera = view.T_base_camera[:3, 3]
-    sight = unit_vectors(points - camera)
-    aside = unit_vectors(np.cross(tangents, sight))
+    aside = unit_vectors(np.cross(tangents, points - camera))
     # the table is far behind the upper side only
     aside *= np.where(aside[:, 2] < 0, -1.0, 1.0)[:, None]
     share = PROFILE_RADII * (np.arange(N_SAMPLES) + 0.5) / N_SAMPLES
     samples = points[:, None] + (share[None, :, None] * radius[:, None, None]) * aside[:, None]
-    x, y, axis_depth = np.moveaxis((samples - camera) @ R, -1, 0)
-    K = view.image.K
-    row, column, is_inside = _nearest_pixels(x, y, axis_depth, K, view.image.depth.shape)
-    measured = view.image.depth[row, column] * view.image.depth_unit_m
+    depths = depths_at(samples.reshape(-1, 3), view.image, view.T_base_camera)
+    own_m = depths.own_m.reshape(samples.shape[:2])
+    measured_m = depths.measured_m.reshape(samples.shape[:2])
+    is_seen = measured_m > 0
     # the measured point lies on the ray of the sample
-    height = camera[2] + (samples[..., 2] - camera[2]) * (measured / np.where(is_inside, axis_depth, 1.0)) - table_z_m
-    is_seen = is_inside & (measured > 0)
-    is_hit = is_seen & (height > radius[:, None])
-    return is_seen, is_hit
-
-
-def _nearest_pixels(
-    x: Points, y: Points, z: Points, K: NDArray[np.float64], shape: tuple[int, ...]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the rows and columns (P, S) of the pixels of points in the camera frame, and which are in the image."""
-    is_before = z > 0
-    depth = np.where(is_before, z, 1.0)
-    u = np.rint(K[0, 0] * x / depth + K[0, 2])
-    v = np.rint(K[1, 1] * y / depth + K[1, 2])
-    is_inside = is_before & (u >= 0) & (u < shape[1]) & (v >= 0) & (v < shape[0])
-    row = np.where(is_inside, v, 0).astype(np.intp)
-    column = np.where(is_inside, u, 0).astype(np.intp)
-    return row, column, is_inside
+    height = camera[2] + (samples[..., 2] - camera[2]) * measured_m / np.where(is_seen, own_m, 1.0) - table_z_m
+    return is_seen, is_seen & (height > radius[:, None])

@@ -182,7 +182,9 @@ def refine(
             break
         strands = changed
         n_merges += 1
-    offset_m = measure_border_offset(lines, radii, views, support.table_z_m, r)
+    offset_m = 0.0
+    if any(not strand.closed for strand in strands):
+        offset_m = measure_border_offset(lines, radii, views, support.table_z_m, r)
     lines = localise_line_ends_in_images(strands, lines, radii, views, other_lines, offset_m)
 
     last_fit = TubeFit(lines, r, raised.points, raised.normals, radii, bends)
@@ -198,7 +200,7 @@ def refine(
         strand_of_point=last_fit.lines_of_points(assigned),
         scatter_m=assigned.sigma,
         lost_m=lost_m,
-        border_offset_m=offset_m if any(not strand.closed for strand in strands) else 0.0,
+        border_offset_m=offset_m,
     )
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from recognition.geometry.neighbours import pairs_between
-from recognition.preprocessing.lines_of_sight import ViewCounts, count_views
+from recognition.preprocessing.lines_of_sight import ViewCounts, count_views, depths_at
 from recognition.preprocessing.normals import NormalCloud
 
 MIN_ABOVE_RADII = 1.5
@@ -23,8 +23,6 @@ MIN_OCCLUDED_SHARE = 0.1
 MIN_BEFORE_RADII = 1.5
 """Minimum distance, along the line of sight, of the surface that hides a point of the centre line from a view, in radii
 r. The surface of the point's own strand is 1 r before it."""
-MIN_DEPTH_M = 1e-6
-"""Lower limit of the depth by which a point is divided, metres. Points behind the camera are excluded later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,16 +85,5 @@ def _is_hidden_from(view: NormalCloud, points: NDArray[np.float64], min_before_m
     """Return the mask (N,) of the points that have measured surface before them in a view."""
     if view.image is None or view.T_base_camera is None:
         return np.zeros(len(points), dtype=np.bool_)
-    depth = view.image.depth
-    K = view.image.K
-    T = view.T_base_camera
-    x, y, z = ((points - T[:3, 3]) @ T[:3, :3]).T
-    in_front = np.maximum(z, MIN_DEPTH_M)
-    u = np.floor(K[0, 0] * x / in_front + K[0, 2] + 0.5)
-    v = np.floor(K[1, 1] * y / in_front + K[1, 2] + 0.5)
-    height, width = depth.shape
-    is_inside = (z > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    row = np.where(is_inside, v, 0).astype(np.intp)
-    column = np.where(is_inside, u, 0).astype(np.intp)
-    measured = depth[row, column] * view.image.depth_unit_m
-    return is_inside & (measured > 0) & (measured < z - min_before_m)
+    depths = depths_at(points, view.image, view.T_base_camera)
+    return (depths.measured_m > 0) & (depths.measured_m < depths.own_m - min_before_m)
