@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cell.camera_profile.depth_profile import DepthProfile
+from cell.camera_profile.depth_profile import ERRORS_M, QUANTITY_NAMES, DepthProfile
 
 TEXTURE = "give the table more texture, or switch the dots on with camera.ir_dots"
 LIGHT = "add light or set a longer camera.exposure_us; more texture, or dots by camera.ir_dots, help too"
@@ -15,8 +15,6 @@ class Quantity:
 
     field: str
     """Field of `DepthProfile`."""
-    name: str
-    """Name in messages."""
     factor: float
     """Largest ratio to the largest expected value."""
     margin: float
@@ -24,16 +22,21 @@ class Quantity:
     advice: str
     """What to do if it is larger."""
 
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        return QUANTITY_NAMES[self.field]
+
 
 QUANTITIES = (
-    Quantity("temporal_m", "temporal noise", 1.5, 0.05, LIGHT),
-    Quantity("ripple_m", "ripple", 1.4, 0.04, TEXTURE),
-    Quantity("locking_m", "pixel locking", 1.4, 0.05, "switch the subpixel mode of the camera on"),
-    Quantity("rest_m", "rest of the ripple", 1.5, 0.04, TEXTURE),
-    Quantity("correlation_px", "correlation length", 1.5, 1.0, "switch the filters of the depth off"),
-    Quantity("warp_m", "warp", 1.8, 0.1, "check that the table is flat; calibrate the camera with the vendor's tool"),
-    Quantity("hole_share", "holes", 1.5, 0.03, TEXTURE),
-    Quantity("flicker_share", "flicker", 1.5, 0.01, TEXTURE),
+    Quantity("temporal_m", 1.5, 0.05, LIGHT),
+    Quantity("ripple_m", 1.4, 0.04, TEXTURE),
+    Quantity("locking_m", 1.4, 0.05, "switch the subpixel mode of the camera on"),
+    Quantity("rest_m", 1.5, 0.04, TEXTURE),
+    Quantity("correlation_px", 1.5, 1.0, "switch the filters of the depth off"),
+    Quantity("warp_m", 1.8, 0.1, "check that the table is flat; calibrate the camera with the vendor's tool"),
+    Quantity("hole_share", 1.5, 0.03, TEXTURE),
+    Quantity("flicker_share", 1.5, 0.01, TEXTURE),
 )
 """Quantities, in the order of the report. The limits exceed the differences between simulated devices of one kind."""
 
@@ -68,7 +71,7 @@ def compare(measured: DepthProfile, expected: Sequence[DepthProfile]) -> list[Co
     compared = []
     for quantity in QUANTITIES:
         value = getattr(measured, quantity.field)
-        others = [_at_distance_of(measured, profile, quantity.field) for profile in expected]
+        others = [profile.value_at(quantity.field, measured.distance_m) for profile in expected]
         known = [other for other in others if other is not None]
         if value is None or not known:
             continue
@@ -77,17 +80,9 @@ def compare(measured: DepthProfile, expected: Sequence[DepthProfile]) -> list[Co
     return compared
 
 
-def _at_distance_of(measured: DepthProfile, profile: DepthProfile, name: str) -> float | None:
-    """Return a value of a profile, a depth error at the distance of the measured one."""
-    value = getattr(profile, name)
-    if value is None or not name.endswith("_m"):
-        return value
-    return profile.at_distance(value, measured.distance_m)
-
-
 def _margin(measured: DepthProfile, expected: Sequence[DepthProfile], quantity: Quantity) -> float:
     """Return the excess that does not count, in the unit of the value."""
-    if not quantity.field.endswith("_m"):
+    if quantity.field not in ERRORS_M:
         return quantity.margin
     focal_baselines = [profile.focal_baseline_px_m for profile in (*expected, measured)]
     known = [value for value in focal_baselines if value is not None]

@@ -1,6 +1,5 @@
 """Profile of a depth camera: the size of its errors on a flat table, as a value and as JSON."""
 
-import json
 import types
 import typing
 from collections.abc import Mapping
@@ -67,15 +66,50 @@ class DepthProfile:
             return None
         return error_m * self.focal_baseline_px_m / self.distance_m**2
 
-    def at_distance(self, error_m: float, distance_m: float) -> float:
-        """Return a depth error of this profile at another distance, metres."""
-        return error_m * (distance_m / self.distance_m) ** 2
+    def value_at(self, name: str, distance_m: float) -> float | None:
+        """Return the value of a quantity, a depth error as it is at another distance; None if it is unknown.
+
+        Args:
+            name: One of `QUANTITY_NAMES`.
+            distance_m: Distance, metres.
+        """
+        value: float | None = getattr(self, name)
+        if value is None or name not in ERRORS_M:
+            return value
+        return value * (distance_m / self.distance_m) ** 2
 
 
+QUANTITY_NAMES = {
+    "temporal_m": "temporal noise",
+    "ripple_m": "ripple",
+    "locking_m": "pixel locking",
+    "rest_m": "rest of the ripple",
+    "correlation_px": "correlation length",
+    "correlation_rows_px": "vertical correlation",
+    "warp_m": "warp",
+    "hole_share": "holes",
+    "flicker_share": "flicker",
+    "edge_hole_share": "holes at edges",
+}
+"""Names of the measured fields, for a person, in the order of reports."""
 ERRORS_M = ("temporal_m", "ripple_m", "locking_m", "rest_m", "warp_m")
 """Fields that are depth errors."""
 MAX_VALUE = 1e9
 """Largest value of a field of a document."""
+
+
+def format_quantity(name: str, value: float) -> str:
+    """Return a value of a profile with its unit, for a person.
+
+    Args:
+        name: One of `QUANTITY_NAMES`.
+        value: Metres, pixels, or a share.
+    """
+    if name in ERRORS_M:
+        return f"{1000 * value:.2f} mm"
+    if name.endswith("_share"):
+        return f"{100 * value:.1f} %"
+    return f"{value:.1f} px"
 
 
 def to_document(profile: DepthProfile) -> dict[str, Any]:
@@ -106,19 +140,6 @@ def from_document(document: object) -> DepthProfile:
             raise ProfileError(f"the profile lacks {member.name}: write it again with `pointchain camera-profile`")
         values[member.name] = _checked(member.name, document[member.name], hints[member.name])
     return DepthProfile(**values)
-
-
-def to_json(profile: DepthProfile) -> str:
-    """Return a profile as JSON text."""
-    return json.dumps(to_document(profile), indent=2, allow_nan=False)
-
-
-def from_json(text: str) -> DepthProfile:
-    """Return the profile of a JSON text. Raise ProfileError if it is not valid."""
-    try:
-        return from_document(json.loads(text))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise ProfileError(f"the profile is not JSON: {error}") from error
 
 
 def _checked(name: str, value: object, kind: Any) -> int | float | None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.camera_profile.comparison import Compared, compare
-from cell.camera_profile.depth_profile import DepthProfile, ProfileError, to_document
+from cell.camera_profile.depth_profile import DepthProfile, ProfileError, format_quantity, to_document
 from cell.camera_profile.measure import PoseImages, SeenTable, TablePose, measure_profile
 from cell.devices import Burst
 from cell.self_test.check_result import CheckContext, CheckResult, ok
@@ -49,9 +49,9 @@ def quality_found(measured: DepthProfile, expected: Sequence[DepthProfile], fart
     lines = [f"{'':<22}{'measured':<12}expected"]
     for one in compared:
         name = one.quantity.field
-        low, high = _shown(name, one.low), _shown(name, one.high)
+        low, high = format_quantity(name, one.low), format_quantity(name, one.high)
         span = low if low == high else f"{low} to {high}"
-        lines.append(f"{one.quantity.name:<22}{_shown(name, one.measured):<12}{span}")
+        lines.append(f"{one.quantity.name:<22}{format_quantity(name, one.measured):<12}{span}")
     worse = [one for one in compared if not one.is_good]
     if any(one.quantity.field == "ripple_m" for one in worse):
         # wrong matches over wide parts of the image look like a warp
@@ -73,19 +73,10 @@ def quality_found(measured: DepthProfile, expected: Sequence[DepthProfile], fart
 def _warning(one: Compared) -> str:
     """Return what is wrong with a quantity and, after a colon, what to do."""
     quantity = one.quantity
-    return f"{quantity.name} above {_shown(quantity.field, one.limit)}: {quantity.advice}"
+    return f"{quantity.name} above {format_quantity(quantity.field, one.limit)}: {quantity.advice}"
 
 
 def _seen(burst: Burst, K: NDArray[np.float64], pose: TablePose) -> SeenTable:
     """Return the table and the images of a burst."""
     count, height, width = burst.depth.shape
     return SeenTable(pose, K, (width, height), burst.depth_unit_m, min(count, EXPOSURES))
-
-
-def _shown(name: str, value: float) -> str:
-    """Return a value of a profile with its unit."""
-    if name.endswith("_m"):
-        return f"{1000 * value:.2f} mm"
-    if name.endswith("_share"):
-        return f"{100 * value:.1f} %"
-    return f"{value:.1f} px"

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.atomic_write import replace_synced
-from cell.camera_profile.depth_profile import DepthProfile, ProfileError, from_document
+from cell.camera_profile.depth_profile import (
+    ERRORS_M,
+    QUANTITY_NAMES,
+    DepthProfile,
+    ProfileError,
+    format_quantity,
+    from_document,
+)
 from cell.camera_profile.measure import PoseImages
 from cell.config.camera_names import PRESET_SUFFIX, is_preset_path
 from cell.config.camera_preset import CameraPreset, to_text
@@ -51,26 +58,11 @@ def report(preset: CameraPreset) -> str:
         f"table of {measured.poses} poses, {measured.distance_m:.2f} m away, {measured.table_pixels} pixels",
         f"{'':<22}{'measured':<28}simulated",
     ]
-    for text, name in _ROWS.items():
+    for name, text in QUANTITY_NAMES.items():
         lines.append(f"{text:<22}{_shown(measured, name):<28}{_shown(simulated, name)}")
     for name, source in preset.sources.items():
         lines.append(f"{name} = {_parameter(preset, name)} ({source})")
     return "\n".join([*lines, *preset.notes])
-
-
-_ROWS = {
-    "temporal noise": "temporal_m",
-    "ripple": "ripple_m",
-    "pixel locking": "locking_m",
-    "rest of the ripple": "rest_m",
-    "correlation, rows": "correlation_px",
-    "correlation, columns": "correlation_rows_px",
-    "warp": "warp_m",
-    "holes": "hole_share",
-    "flicker": "flicker_share",
-    "holes at edges": "edge_hole_share",
-}
-"""Fields of a profile by their names in the report."""
 
 
 def profile_recording(options: argparse.Namespace) -> int:
@@ -123,13 +115,9 @@ def _shown(profile: DepthProfile, name: str) -> str:
     value = getattr(profile, name)
     if value is None:
         return "unknown"
-    if name.endswith("_share"):
-        return f"{100 * value:.1f} %"
-    if not name.endswith("_m"):
-        return f"{value:.1f} pixels"
-    pixels = profile.in_pixels(value)
-    in_pixels = "" if pixels is None else f", {pixels:.3f} disparities"
-    return f"{1000 * value:.2f} mm{in_pixels}"
+    text = format_quantity(name, value)
+    pixels = profile.in_pixels(value) if name in ERRORS_M else None
+    return text if pixels is None else f"{text}, {pixels:.3f} disparities"
 
 
 def _parameter(preset: CameraPreset, name: str) -> str:

@@ -10,7 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cell.camera_profile.depth_profile import DepthProfile, ProfileError, to_document
+from cell.camera_profile.depth_profile import (
+    ERRORS_M,
+    QUANTITY_NAMES,
+    DepthProfile,
+    ProfileError,
+    format_quantity,
+    to_document,
+)
 from cell.camera_profile.measure import Measurement, PoseImages, measure_profile
 from cell.config.camera_optics import STEREO_BASELINES_M
 from cell.config.camera_preset import DISPARITY_STEP, CameraPreset, Source, StereoName
@@ -52,16 +59,8 @@ WARP_DRAWS = 20
 """Number of random warps from which the visible share of a warp is computed."""
 UNLIKE = 1.5
 """Factor between a measured error and the simulated one that is reported."""
-NAMES = {
-    "temporal_m": "temporal noise",
-    "ripple_m": "ripple",
-    "locking_m": "pixel locking",
-    "rest_m": "ripple without pixel locking",
-    "correlation_px": "correlation length along the rows",
-    "correlation_rows_px": "correlation length along the columns",
-    "warp_m": "warp",
-}
-"""Names of the errors in messages."""
+REPRODUCED = (*TOLERANCES, "warp_m")
+"""Quantities of which the report says if the simulated camera does not have them."""
 FIXED = {
     "bias_px": "a shift of all disparities looks like an error of the table's height",
     "row_error_px": "a row error hardly changes the depth of a table",
@@ -235,12 +234,11 @@ def _with_noise(candidate: _Candidate, measured: DepthProfile) -> _Candidate:
     """Return the camera with the noise of the image sensors that gives the measured temporal noise, if it is known."""
     low, high = NOISE_FACTORS
     for _ in range(NOISE_STEPS):
-        simulated_m = candidate.profile.temporal_m
+        simulated_m = candidate.profile.value_at("temporal_m", measured.distance_m)
         if not measured.temporal_m or not simulated_m:
             break
         pair = candidate.pair
-        ratio = measured.temporal_m / candidate.profile.at_distance(simulated_m, measured.distance_m)
-        factor = min(max(pair.noise_factor * ratio, low), high)
+        factor = min(max(pair.noise_factor * measured.temporal_m / simulated_m, low), high)
         changed = _candidate(candidate.stills.with_matching(pair.matching, factor), measured)
         if changed is None or changed.score >= candidate.score:
             break
@@ -273,12 +271,12 @@ def _difference(measured: DepthProfile, simulated: DepthProfile, focal_baseline_
     squares = []
     for name, tolerance in TOLERANCES.items():
         one = getattr(measured, name)
-        other = getattr(simulated, name)
+        other = simulated.value_at(name, measured.distance_m)
         if one is None or other is None:
             continue
-        if name in NAMES and name.endswith("_m"):
+        if name in ERRORS_M:
             one = max(one, min_error_m)
-            other = max(simulated.at_distance(other, measured.distance_m), min_error_m)
+            other = max(other, min_error_m)
         squares.append((math.log(one / other) / tolerance) ** 2)
     return float(np.mean(squares))
 
@@ -338,18 +336,12 @@ def _notes(base: StereoName, simulated: DepthProfile, measured: DepthProfile) ->
         notes.append(
             f"noise_factor is that of {base}: there is one image per pose; it needs several images of one pose"
         )
-    for name, text in NAMES.items():
+    for name in REPRODUCED:
         one = getattr(measured, name)
-        other = getattr(simulated, name)
+        other = simulated.value_at(name, measured.distance_m)
         if one is None or other is None:
             continue
-        if name.endswith("_m"):
-            other = simulated.at_distance(other, measured.distance_m)
         if max(one, other) > UNLIKE * min(one, other):
-            notes.append(f"the {text} is not reproduced: {_shown(name, one)} measured, {_shown(name, other)} simulated")
+            values = f"{format_quantity(name, one)} measured, {format_quantity(name, other)} simulated"
+            notes.append(f"the {QUANTITY_NAMES[name]} is not reproduced: {values}")
     return notes
-
-
-def _shown(name: str, value: float) -> str:
-    """Return a value with its unit."""
-    return f"{1000 * value:.2f} mm" if name.endswith("_m") else f"{value:.1f} pixels"
