@@ -1,14 +1,17 @@
 """Depth images in files: 16-bit grey PNG, or NPY of integers or floats. Each is checked before it is used."""
 
-import warnings
-from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.frames.errors import FramesError
+from cell.frames.png_file import decode_png
 from cell.recording.limits import DEFAULT_LIMITS
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as PngImage
 
 PICTURE_MODES = {
     "1": "has 1 bit a pixel, as pictures for viewing have",
@@ -82,24 +85,14 @@ def to_counts(values: NDArray[np.generic], unit_m: float, recording_unit_m: floa
 
 def _from_png(path: Path, content: bytes) -> NDArray[np.generic]:
     """Decode a PNG after a check of its kind, size and checksums."""
-    from PIL import Image, UnidentifiedImageError
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(BytesIO(content), formats=["PNG"])
+    def check(image: "PngImage") -> None:
         if image.mode != "I;16":
             kind = PICTURE_MODES.get(image.mode, f"has pixels of the kind {image.mode}")
             raise FramesError(f"{path} {kind}, not depth: move it out of the folder, or save depth as 16-bit grey PNG")
         _check_size(path, image.width, image.height)
-        image.verify()  # the checksums; the image must then be opened again
-        return np.asarray(Image.open(BytesIO(content), formats=["PNG"])).astype(np.uint16)
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise FramesError(f"{path} has too many pixels for a depth image") from error
-    except UnidentifiedImageError as error:
-        raise FramesError(f"{path} is not a PNG image, though its name says so: save it as a 16-bit PNG") from error
-    except (OSError, SyntaxError) as error:
-        raise FramesError(f"{path} is damaged or cut off: copy it again") from error
+
+    return decode_png(path, content, check, "a depth image", "a 16-bit PNG").astype(np.uint16)
 
 
 def _from_npy(path: Path) -> NDArray[np.generic]:

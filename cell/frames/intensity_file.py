@@ -1,13 +1,16 @@
 """Intensity images in files: 8-bit grey PNG, aligned with the depth images."""
 
-import warnings
-from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cell.frames.errors import FramesError
+from cell.frames.png_file import decode_png
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as PngImage
 
 MAX_FILE_BYTES = 16 << 20
 """Largest size of a file. An image of the largest size without compression has 4 MiB."""
@@ -41,8 +44,6 @@ def read_intensities(folder: Path, names: list[str], shape: tuple[int, int]) -> 
 
 def _read_grey(path: Path) -> NDArray[np.uint8]:
     """Return the grey levels (H, W) of a PNG file after a check of its kind and checksums."""
-    from PIL import Image, UnidentifiedImageError
-
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise FramesError(f"{path} has more than {MAX_FILE_BYTES >> 20} MiB, too much for one intensity image")
@@ -51,17 +52,9 @@ def _read_grey(path: Path) -> NDArray[np.uint8]:
         raise FramesError(f"{path} is missing: each depth image needs an intensity image of its name") from error
     except OSError as error:
         raise FramesError(f"{path} cannot be read: {error.strerror or error}") from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            image = Image.open(BytesIO(content), formats=["PNG"])
+
+    def check(image: "PngImage") -> None:
         if image.mode != "L":
             raise FramesError(f"{path} has pixels of the kind {image.mode}: save it as an 8-bit grey PNG")
-        image.verify()  # the checksums; the image must then be opened again
-        return np.asarray(Image.open(BytesIO(content), formats=["PNG"]), dtype=np.uint8)
-    except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise FramesError(f"{path} has too many pixels for an intensity image") from error
-    except UnidentifiedImageError as error:
-        raise FramesError(f"{path} is not a PNG image, though its name says so: save it as an 8-bit PNG") from error
-    except (OSError, SyntaxError) as error:
-        raise FramesError(f"{path} is damaged or cut off: copy it again") from error
+
+    return decode_png(path, content, check, "an intensity image", "an 8-bit PNG").astype(np.uint8)
