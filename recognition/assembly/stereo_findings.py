@@ -56,8 +56,8 @@ def uncertain_radius_findings(locking: PixelLocking | None, r: float, chains: Se
     if locking is None or not chains:
         return ()
     message = (
-        f"the radius {_mm(r)} was measured in depth of a stereo camera, where it can be wrong by a quarter: give the "
-        "radius of the string"
+        f"the radius {_mm(r)} was measured in depth of a stereo camera, where it can be wrong by a quarter or more: "
+        "give the radius of the string"
     )
     return (finding("radius-uncertain", message, chains=[chain.id for chain in chains], value=r),)
 

@@ -205,7 +205,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "radius-uncertain": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="No radius was given, and it was measured in depth of a stereo camera. It can be wrong by a quarter.",
+        meaning="No radius was given, and it was measured in depth of a stereo camera. It can be wrong by a quarter or "
+        "more.",
         action="Give the radius of the string, and recognise the scan again. Heights and ends depend on it.",
         decision="recognise again",
         value="measured radius, m",

@@ -65,8 +65,8 @@ def test_a_radius_from_matched_depth_is_a_doubt_on_all_chains() -> None:
     assert (doubt.code, doubt.severity, doubt.chains) == ("radius-uncertain", "doubt", (0, 1))
     assert (doubt.value, doubt.limit) == (0.0045, None)
     assert doubt.message == (
-        "the radius 4.5 mm was measured in depth of a stereo camera, where it can be wrong by a quarter: give the "
-        "radius of the string"
+        "the radius 4.5 mm was measured in depth of a stereo camera, where it can be wrong by a quarter or more: give "
+        "the radius of the string"
     )
     assert uncertain_radius_findings(locking(0.1), 0.0045, ()) == ()
     assert uncertain_radius_findings(None, 0.0045, chains) == ()
