@@ -44,9 +44,13 @@ def filter_failure(
 ) -> bool:
     """Drop failures that the description allows.
 
-    These are a refusal because of what a valid request refers to, and a declared 503 or 507.
+    These are a refusal because of what a valid request refers to, a declared 503 or 507, and a part that a created
+    resource does not have.
     """
     match type(failure).__name__:
+        case "EnsureResourceAvailability":
+            # The scan was found: a replay has no plan, for example.
+            return slug(response) != "no-result"
         case "RejectedPositiveData":
             # Only this problem type means that the request does not match the description.
             return slug(response) in (None, "invalid-request")
