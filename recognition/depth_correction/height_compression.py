@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from calibration.geometry.transforms import transform_points
 from recognition.depth_correction.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
+from recognition.depth_correction.pixel_heights import heights_above_table, slopes
 from recognition.preprocessing.target_cloud import AlignedView, deproject, intensity_of, is_in_workspace
 
 MIN_HEIGHT_RADII = 0.5
@@ -103,7 +104,7 @@ def find_ridges(aligned: AlignedView) -> Ridges:
     parameters = aligned.parameters
     stride = max(int(parameters.r * aligned.pixels_per_m / PIXELS_PER_RADIUS), 1)
     r_px = parameters.r * aligned.pixels_per_m / stride
-    heights = _heights_above_table(aligned, stride)
+    heights = heights_above_table(aligned, stride)
     lowest_m = _lowest_height(aligned)
     area = _bounding_box(heights > lowest_m, 2 * r_px)
     if area is None:
@@ -179,15 +180,33 @@ def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
         compression: Compression of heights.
     """
     view = aligned.view
-    heights = _heights_above_table(aligned, 1)
+    heights = heights_above_table(aligned, 1)
     lost = np.minimum(heights, np.float32(2 * aligned.parameters.r * compression)) * np.float32(1 / compression - 1)
-    descent = -_slopes(aligned, 1)
-    is_restored = (heights > 0) & (descent > MIN_SLOPE) & ~_is_wide(aligned, heights)
+    descent = -slopes(aligned, 1)
+    is_restored = (heights > 0) & (descent > MIN_SLOPE) & ~is_wide(aligned, heights)
     nearer_m = np.where(is_restored, lost / np.maximum(descent, MIN_SLOPE), np.float32(0))
     depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
     unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))
+
+
+def is_wide(aligned: AlignedView, heights: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which pixels (H, W) belong to objects that are much wider than a string.
+
+    Args:
+        aligned: View aligned to the table plane.
+        heights: (H, W) height of each pixel above the table, metres.
+    """
+    wide_px = WIDE_RADII * aligned.parameters.r * aligned.pixels_per_m
+    stride = max(int(wide_px / PIXELS_PER_RADIUS), 1)
+    is_high = heights[::stride, ::stride] > _lowest_height(aligned)
+    core = np.asarray(ndimage.distance_transform_edt(is_high)) > wide_px / stride
+    if not core.any():
+        return np.zeros(heights.shape, dtype=np.bool_)
+    near = np.asarray(ndimage.distance_transform_edt(~core)) < WIDE_MARGIN * wide_px / stride
+    height, width = heights.shape
+    return np.repeat(np.repeat(near, stride, axis=0), stride, axis=1)[:height, :width]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,36 +262,6 @@ def _resting_height(confirmed: _ConfirmedRidges, limit: float) -> float | None:
 def _lowest_height(aligned: AlignedView) -> float:
     """Return the height above the table from which something is an object, metres."""
     return max(MIN_HEIGHT_RADII * aligned.parameters.r, MIN_HEIGHT_SCATTERS * (aligned.scatter.patch_m or 0.0))
-
-
-def _slopes(aligned: AlignedView, stride: int) -> NDArray[np.float32]:
-    """Return the rise (H, W) of the line of sight of every `stride`-th pixel per metre of depth."""
-    view = aligned.view
-    rows, columns = (np.arange(0, n, stride) for n in view.depth.shape)
-    a, b, c = aligned.T_base_camera[2, :3] @ np.linalg.inv(view.K)
-    return np.add.outer((b * rows + c).astype(np.float32), (a * columns).astype(np.float32))
-
-
-def _heights_above_table(aligned: AlignedView, stride: int) -> NDArray[np.float32]:
-    """Return the height (H, W) of every `stride`-th pixel above the table, metres; 0 where nothing is measured."""
-    view = aligned.view
-    depth = view.depth[::stride, ::stride]
-    heights = _slopes(aligned, stride) * np.float32(view.depth_unit_m) * depth
-    heights += np.float32(aligned.T_base_camera[2, 3] - aligned.scene.table_z_m)
-    return np.where(depth > 0, heights, np.float32(0))
-
-
-def _is_wide(aligned: AlignedView, heights: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which pixels (H, W) belong to objects that are much wider than a string."""
-    wide_px = WIDE_RADII * aligned.parameters.r * aligned.pixels_per_m
-    stride = max(int(wide_px / PIXELS_PER_RADIUS), 1)
-    is_high = heights[::stride, ::stride] > _lowest_height(aligned)
-    core = np.asarray(ndimage.distance_transform_edt(is_high)) > wide_px / stride
-    if not core.any():
-        return np.zeros(heights.shape, dtype=np.bool_)
-    near = np.asarray(ndimage.distance_transform_edt(~core)) < WIDE_MARGIN * wide_px / stride
-    height, width = heights.shape
-    return np.repeat(np.repeat(near, stride, axis=0), stride, axis=1)[:height, :width]
 
 
 def _bounding_box(mask: NDArray[np.bool_], margin_px: float) -> tuple[slice, slice] | None:
