@@ -50,7 +50,7 @@ def scene_findings(
         *drift_findings(registration, chains),
         *table_findings(ingested.measured.table, chains),
         *warp_findings(ingested.measured.warp),
-        *stereo_findings(ingested.measured.locking, ingested.compression, refinement, parameters.r),
+        *stereo_findings(ingested.measured.locking, ingested.compression, ingested.drawn, refinement, parameters.r),
         *single_view_findings(registration.views, ingested.clouds, chains),
         *noise_findings(registration, parameters),
         *view_findings(surface.views_quality, ingested.captured, chains),
@@ -67,7 +67,7 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
         finding("no-string-in-view", surface.no_string_reason),
         *table_findings(ingested.measured.table, ()),
         *warp_findings(ingested.measured.warp),
-        *stereo_findings(ingested.measured.locking, ingested.compression, None, surface.parameters.r),
+        *stereo_findings(ingested.measured.locking, ingested.compression, None, None, surface.parameters.r),
         *view_findings(surface.views_quality, ingested.captured, ()),
         *coverage_findings(ingested.targets, (), surface.scene),
     )
@@ -82,5 +82,5 @@ def _radius_findings(
     """Return the finding that a given radius is probably wrong, or that a measured one is uncertain."""
     measured = surface.ingested.measured
     if request.radius_m is None:
-        return uncertain_radius_findings(measured.locking, surface.parameters.r, chains)
+        return uncertain_radius_findings(surface.ingested.is_matched, surface.parameters.r, chains)
     return other_radius_findings(measured, surface.parameters, chains, findings)

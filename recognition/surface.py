@@ -124,7 +124,7 @@ def observe(
             scene.table_z_m,
             merge_heights(ingested, registration),
             ingested.compression,
-            is_matched=ingested.measured.locking is not None,
+            is_matched=ingested.is_matched,
             scatter_m=median_patch_m(target.scatter for target in ingested.targets) or 0.0,
         ),
         occlusion_map=OcclusionMap(registration.points, registration.clouds),

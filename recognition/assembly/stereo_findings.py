@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from recognition.depth_correction.drawn_strings import DrawnViews
 from recognition.depth_correction.pixel_locking import PixelLocking
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
@@ -23,17 +24,22 @@ class _Correction:
 
 
 def stereo_findings(
-    locking: PixelLocking | None, compression: float, refinement: Refinement | None, r: float
+    locking: PixelLocking | None,
+    compression: float,
+    drawn: DrawnViews | None,
+    refinement: Refinement | None,
+    r: float,
 ) -> Sequence[Finding]:
     """Return the note on errors of stereo matching that were corrected, or none.
 
     Args:
         locking: Pixel locking that was subtracted, or None.
         compression: Compression of heights that was restored; 1 if there was none.
+        drawn: Views into which strings were drawn, or None.
         refinement: Strands with corrected heights and ends; None without strings, or for a method without them.
         r: Radius of the strings, metres.
     """
-    corrections = [*_corrections_of_depth(locking, compression, r)]
+    corrections = [*_corrections_of_depth(locking, compression, drawn, r)]
     if refinement is not None:
         corrections += _corrections_of_strings(refinement, MIN_SHIFT_RADII * r)
     if not corrections:
@@ -43,17 +49,17 @@ def stereo_findings(
     return (finding("stereo-depth-corrected", f"errors of stereo matching were corrected: {listed}", value=largest_m),)
 
 
-def uncertain_radius_findings(locking: PixelLocking | None, r: float, chains: Sequence[Chain]) -> Sequence[Finding]:
+def uncertain_radius_findings(is_matched: bool, r: float, chains: Sequence[Chain]) -> Sequence[Finding]:
     """Return the doubt about a radius that was measured in matched depth, or none. It concerns all chains.
 
     Windows change height and width of strings, so that neither shows the radius exactly.
 
     Args:
-        locking: Pixel locking, which shows that the depth was matched, or None.
+        is_matched: Whether the depth was matched in windows.
         r: Measured radius of the strings, metres.
         chains: Chains of the model.
     """
-    if locking is None or not chains:
+    if not is_matched or not chains:
         return ()
     message = (
         f"the radius {_mm(r)} was measured in depth of a stereo camera, where it can be wrong by a quarter or more: "
@@ -62,7 +68,9 @@ def uncertain_radius_findings(locking: PixelLocking | None, r: float, chains: Se
     return (finding("radius-uncertain", message, chains=[chain.id for chain in chains], value=r),)
 
 
-def _corrections_of_depth(locking: PixelLocking | None, compression: float, r: float) -> Iterator[_Correction]:
+def _corrections_of_depth(
+    locking: PixelLocking | None, compression: float, drawn: DrawnViews | None, r: float
+) -> Iterator[_Correction]:
     """Yield the corrections of the depth images."""
     if locking is not None:
         size_m = locking.amplitude_m
@@ -70,7 +78,13 @@ def _corrections_of_depth(locking: PixelLocking | None, compression: float, r: f
         yield _Correction(
             size_m, f"stripes of up to {_mm(size_m)} on the table, at a depth of {depth}, were subtracted"
         )
-    if compression < 1:
+    if drawn is not None:
+        yield _Correction(
+            drawn.lost_m,
+            f"strings were drawn as tubes along their bands in the image, as a single viewpoint shows their heights "
+            f"unevenly, in places {_mm(drawn.lost_m)} too low",
+        )
+    elif compression < 1:
         size_m = (1 - compression) * 2 * r
         yield _Correction(size_m, f"heights of strings, measured at {compression * 100:.0f} %, were restored")
 

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from recognition.depth_correction.drawn_strings import DrawnViews, draw_into_views
 from recognition.depth_correction.height_compression import (
     MAX_CHANGE,
     Ridges,
@@ -15,6 +16,7 @@ from recognition.depth_correction.height_compression import (
     restore_heights,
 )
 from recognition.errors import TableElsewhereError, TooCrowdedError
+from recognition.ingestion.seen_cells import viewpoint_numbers
 from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
@@ -60,6 +62,13 @@ class IngestedViews:
     """Ridges in each of them; empty without pixel locking."""
     compression: float = 1.0
     """Compression of heights that was restored in all views."""
+    drawn: DrawnViews | None = None
+    """All views with drawn strings, if a single viewpoint shows them in matched depth, else None."""
+
+    @property
+    def is_matched(self) -> bool:
+        """Whether the depth was matched in windows: pixel locking or the bands of strings show it."""
+        return self.measured.locking is not None or self.drawn is not None
 
     @property
     def scene(self) -> Scene:
@@ -92,6 +101,7 @@ class _Ingestion:
     aligned: list[AlignedView] = field(default_factory=list)
     ridges: list[Ridges] = field(default_factory=list)
     compression: float = 1.0
+    drawn: DrawnViews | None = None
 
     @classmethod
     def continue_from(cls, earlier: IngestedViews) -> Self:
@@ -107,11 +117,12 @@ class _Ingestion:
             aligned=[*earlier.aligned],
             ridges=[*earlier.ridges],
             compression=earlier.compression,
+            drawn=earlier.drawn,
         )
 
     def add(self, view: DepthView) -> None:
         """Preprocess a further view; all views are preprocessed again if it changes what was measured in them."""
-        if self.measured.add(view):
+        if self.measured.add(view) or self.drawn is not None:
             self.preprocess_again()
             return
         self._align_new_views()
@@ -124,11 +135,17 @@ class _Ingestion:
         """Use what few views show, because no view follows. Raises TableElsewhereError if their table is doubtful."""
         if self.measured.finish():
             self.preprocess_again()
+        if self.drawn is None and max(viewpoint_numbers(self.targets), default=1) == 0:
+            self.drawn = draw_into_views(self.aligned, is_matched=self.measured.locking is not None)
+            if self.drawn is not None:
+                self.compression = self.drawn.compression
+                self._preprocess_all()
 
     def preprocess_again(self) -> None:
         """Preprocess all views with the present errors of the camera and the present table."""
         self.aligned.clear()
         self.ridges.clear()
+        self.drawn = None
         self._align_new_views()
         self.compression = estimate_compression(self.ridges, self.parameters.r)
         self._preprocess_all()
@@ -164,7 +181,9 @@ class _Ingestion:
         """Preprocess the next aligned view, number `number`, and pair it with the nearest of those before it."""
         aligned = self.aligned[number]
         image = aligned.view
-        if self.compression < 1:
+        if self.drawn is not None:
+            image = self.drawn.images[number]
+        elif self.compression < 1:
             image = restore_heights(aligned, self.compression)
         target = select_target(aligned, image, self.compression)
         self.targets.append(target)
@@ -241,6 +260,7 @@ def ingest_views(
         aligned=ingestion.aligned,
         ridges=ingestion.ridges,
         compression=ingestion.compression,
+        drawn=ingestion.drawn,
     )
 
 

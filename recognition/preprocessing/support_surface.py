@@ -43,7 +43,7 @@ class SupportSurface:
     compression: float = 1.0
     """Compression of heights by matching windows that was restored; 1 if there was none."""
     is_matched: bool = False
-    """Whether the depth has pixel locking, which shows that it was matched in windows."""
+    """Whether pixel locking or the bands of strings show that the depth was matched in windows."""
     scatter_m: float = 0.0
     """Standard deviation of patches of the table, as wide as a string, metres; 0 if unknown."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recognition.assembly.stereo_findings import MIN_SHIFT_RADII, stereo_findings, uncertain_radius_findings
+from recognition.depth_correction.drawn_strings import DrawnViews
 from recognition.depth_correction.pixel_locking import HARMONICS, PixelLocking
 from recognition.model.chains import Chain
 from recognition.refinement.refinement import Refinement
@@ -23,20 +24,20 @@ def locking(error_px: float) -> PixelLocking:
 
 
 def test_depth_without_corrections_has_no_note() -> None:
-    assert stereo_findings(None, 1.0, None, R) == ()
-    assert stereo_findings(None, 1.0, UNCHANGED, R) == ()
+    assert stereo_findings(None, 1.0, None, None, R) == ()
+    assert stereo_findings(None, 1.0, None, UNCHANGED, R) == ()
 
 
 def test_small_shifts_of_heights_and_ends_have_no_note() -> None:
     small_m = 0.9 * MIN_SHIFT_RADII * R
     for sign in (-1, 1):
         refinement = replace(UNCHANGED, lost_m=sign * small_m, border_offset_m=sign * small_m)
-        assert stereo_findings(None, 1.0, refinement, R) == ()
+        assert stereo_findings(None, 1.0, None, refinement, R) == ()
 
 
 def test_one_note_lists_all_corrections_and_has_the_largest_as_its_value() -> None:
     refinement = replace(UNCHANGED, lost_m=0.0006, border_offset_m=0.0011)
-    (note,) = stereo_findings(locking(0.1), 0.78, refinement, R)
+    (note,) = stereo_findings(locking(0.1), 0.78, None, refinement, R)
     assert (note.code, note.severity, note.limit) == ("stereo-depth-corrected", "note", None)
     # 0.1 disparities of 0.03 per metre at 0.4 m are 0.48 mm; a loss of 22 % of 8 mm is 1.76 mm.
     assert note.message == (
@@ -48,25 +49,35 @@ def test_one_note_lists_all_corrections_and_has_the_largest_as_its_value() -> No
 
 
 def test_a_note_lists_only_what_applies_and_its_direction() -> None:
-    (lowered,) = stereo_findings(None, 1.0, replace(UNCHANGED, lost_m=-0.0003), R)
+    (lowered,) = stereo_findings(None, 1.0, None, replace(UNCHANGED, lost_m=-0.0003), R)
     assert lowered.message.endswith("corrected: resting strings were lowered by 0.3 mm")
     assert lowered.value == pytest.approx(0.0003)
-    (outwards,) = stereo_findings(None, 1.0, replace(UNCHANGED, border_offset_m=-0.0004), R)
+    (outwards,) = stereo_findings(None, 1.0, None, replace(UNCHANGED, border_offset_m=-0.0004), R)
     assert outwards.message.endswith("corrected: ends were moved outwards by 0.4 mm")
-    (without_strings,) = stereo_findings(locking(0.2), 1.0, None, R)
+    (without_strings,) = stereo_findings(locking(0.2), 1.0, None, None, R)
     assert without_strings.value == pytest.approx(0.00096, rel=0.01)
+
+
+def test_drawn_strings_are_told_instead_of_a_compression() -> None:
+    drawn = DrawnViews([], compression=0.7, lost_m=0.0021)
+    (note,) = stereo_findings(None, 0.7, drawn, None, R)
+    assert note.message == (
+        "errors of stereo matching were corrected: strings were drawn as tubes along their bands in the image, as a "
+        "single viewpoint shows their heights unevenly, in places 2.1 mm too low"
+    )
+    assert note.value == pytest.approx(0.0021)
 
 
 def test_a_radius_from_matched_depth_is_a_doubt_on_all_chains() -> None:
     points = np.linspace((0.0, 0.0, R), (0.02, 0.0, R), 5)
     chain = Chain(0, False, R, points, np.zeros(5), np.ones(5, dtype=np.int64), ("free", "free"))
     chains = (chain, replace(chain, id=1))
-    (doubt,) = uncertain_radius_findings(locking(0.1), 0.0045, chains)
+    (doubt,) = uncertain_radius_findings(True, 0.0045, chains)
     assert (doubt.code, doubt.severity, doubt.chains) == ("radius-uncertain", "doubt", (0, 1))
     assert (doubt.value, doubt.limit) == (0.0045, None)
     assert doubt.message == (
         "the radius 4.5 mm was measured in depth of a stereo camera, where it can be wrong by a quarter or more: give "
         "the radius of the string"
     )
-    assert uncertain_radius_findings(locking(0.1), 0.0045, ()) == ()
-    assert uncertain_radius_findings(None, 0.0045, chains) == ()
+    assert uncertain_radius_findings(True, 0.0045, ()) == ()
+    assert uncertain_radius_findings(False, 0.0045, chains) == ()
