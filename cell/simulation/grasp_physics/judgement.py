@@ -18,7 +18,7 @@ from recognition.model.chains import Chain
 from recognition.model.grasps import ScoredGrasp
 
 MATCH_WINDOW_M = 0.02
-"""Largest difference between the arc length of a grasp on its string by shares of the lengths, and by its position."""
+"""Largest difference between the arc length of a grasp on its string by its share of the chain, and by its position."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,29 +96,34 @@ def plan_on_truth(
     """Return each grasp with its true string and the arc length along it, or None if its chain matches no string.
 
     The chains are matched to the strings as in `cell.simulation.evaluation`. The arc length is that of the nearest
-    point of the string within `MATCH_WINDOW_M` of the same share of its length.
+    point of the string within `MATCH_WINDOW_M` of the same share of the part that the chain covers.
     """
     strings = [Polyline.of(curve, closed) for curve, closed in zip(scene.curves, scene.closed, strict=True)]
     lines = [chain for chain in chains if len(chain.points) > 1]
     pairs = match_chains([Polyline.of(chain.points, chain.closed) for chain in lines], strings)
-    match_of_id = {lines[index].id: match for index, match in pairs.items()}
+    match_of_id = {lines[index].id: (lines[index], match) for index, match in pairs.items()}
     planned: list[PlannedGrasp | None] = []
     for grasp in grasps:
-        match = match_of_id.get(grasp.chain)
-        if match is None:
+        if grasp.chain not in match_of_id:
             planned.append(None)
             continue
-        s_m = _true_arc_length(scene.curves[match.string], scene.closed[match.string], match, grasp)
+        chain, match = match_of_id[grasp.chain]
+        s_m = _true_arc_length(scene.curves[match.string], scene.closed[match.string], chain, match, grasp)
         planned.append(PlannedGrasp(match.string, s_m, grasp.T_base_grasp, grasp.opening_m, grasp.reach_m))
     return planned
 
 
-def _true_arc_length(curve: NDArray[np.float64], closed: bool, match: ChainMatch, grasp: ScoredGrasp) -> float:
-    """Return the arc length of a grasp along its true string, metres."""
+def _true_arc_length(
+    curve: NDArray[np.float64], closed: bool, chain: Chain, match: ChainMatch, grasp: ScoredGrasp
+) -> float:
+    """Return the arc length of a grasp along its true string, metres. The chain may cover a part of the string."""
     s = arc_length(curve)
-    by_share = match.arc_length_on_string(grasp.s_m)
-    along = np.abs(s - by_share)
     if closed:
+        expected = match.arc_length_on_string(grasp.s_m)
+        along = np.abs(s - expected)
         along = np.minimum(along, s[-1] - along)
+    else:
+        first, last = (s[np.linalg.norm(curve - end, axis=1).argmin()] for end in chain.points[[0, -1]])
+        along = np.abs(s - (first + (last - first) * grasp.s_m / chain.length_m))
     distance = np.linalg.norm(curve - grasp.T_base_grasp[:3, 3], axis=1)
     return float(s[np.where(along <= MATCH_WINDOW_M, distance, np.inf).argmin()])

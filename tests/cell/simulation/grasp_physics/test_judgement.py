@@ -1,5 +1,6 @@
 """Grasps of recognised models on the true scenes."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 from cell.simulation.cases import TIERS, make_case, simulate
 from cell.simulation.grasp_physics.judgement import judge_grasps, plan_on_truth
 from cell.simulation.grasp_physics.settings import RobotError, robot_errors
+from cell.simulation.grasp_physics.trial import PlannedGrasp
 from cell.simulation.scenes.scenes import StringScene
 from recognition.errors import RecognitionError
+from recognition.geometry.polyline import arc_length
 from recognition.grasping.gripper import Gripper
 from recognition.model.model import PointChainModel
 from recognition.pipeline import recognise
@@ -29,6 +32,27 @@ def test_grasps_are_planned_on_their_true_string() -> None:
     planned = plan_on_truth(scene, model.chains, model.grasps)
     assert len(planned) == len(model.grasps) > 50
     assert {grasp.string for grasp in planned if grasp is not None} == set(range(len(scene.curves)))
+    assert_on_their_strings(scene, planned)
+
+
+@pytest.mark.parametrize("kept", [slice(0, 0.6), slice(0.4, 1)])
+def test_grasps_of_an_incomplete_chain_are_planned_on_its_part_of_the_string(kept: slice) -> None:
+    scene, model = recognised("paper", 0)
+    (chain,) = model.chains
+    part = slice(*(int(share * len(chain.points)) for share in (kept.start, kept.stop)))
+    start_m = arc_length(chain.points)[part][0]
+    incomplete = replace(chain, points=chain.points[part], sigma_m=chain.sigma_m[part], views=chain.views[part])
+    grasps = [
+        replace(grasp, s_m=grasp.s_m - start_m)
+        for grasp in model.grasps
+        if start_m <= grasp.s_m <= start_m + incomplete.length_m
+    ]
+    assert len(grasps) > 5
+    assert_on_their_strings(scene, plan_on_truth(scene, [incomplete], grasps))
+
+
+def assert_on_their_strings(scene: StringScene, planned: Sequence[PlannedGrasp | None]) -> None:
+    """Assert that each grasp is where the true string is at its arc length."""
     for grasp in planned:
         assert grasp is not None
         curve = scene.curves[grasp.string]
