@@ -67,7 +67,7 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
         finding("no-string-in-view", surface.no_string_reason),
         *table_findings(ingested.measured.table, ()),
         *warp_findings(ingested.measured.warp),
-        *stereo_findings(ingested.measured.locking, ingested.compression, None, None, surface.parameters.r),
+        *stereo_findings(ingested.measured.locking, ingested.compression, ingested.drawn, None, surface.parameters.r),
         *view_findings(surface.views_quality, ingested.captured, ()),
         *coverage_findings(ingested.targets, (), surface.scene),
     )

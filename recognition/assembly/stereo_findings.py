@@ -79,11 +79,10 @@ def _corrections_of_depth(
             size_m, f"stripes of up to {_mm(size_m)} on the table, at a depth of {depth}, were subtracted"
         )
     if drawn is not None:
-        yield _Correction(
-            drawn.lost_m,
-            f"strings were drawn as tubes along their bands in the image, as a single viewpoint shows their heights "
-            f"unevenly, in places {_mm(drawn.lost_m)} too low",
-        )
+        message = "strings were drawn as tubes along their bands in the image, as all views are from one viewpoint"
+        if drawn.lost_m > MIN_SHIFT_RADII * r:
+            message += f", where their heights are uneven, in places {_mm(drawn.lost_m)} too low"
+        yield _Correction(drawn.lost_m, message)
     elif compression < 1:
         size_m = (1 - compression) * 2 * r
         yield _Correction(size_m, f"heights of strings, measured at {compression * 100:.0f} %, were restored")

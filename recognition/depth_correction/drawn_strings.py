@@ -7,6 +7,7 @@ the height of a string.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ EDGE = 0.99
 """Distance from the axis up to which a tube is drawn, in radii r. Beyond, it is too steep for one pixel."""
 MAX_SAMPLES = 500_000
 """Maximum number of samples of tubes that are drawn at once, which limits the memory."""
+UPPER_TOPS = (1.05, 1.4)
+"""Height of the tops from which on a string lies partly on another one, and surely, in 2 r."""
 MIN_TOP = 0.3
 """Minimum top that is raised to the height of a string, in 2 r."""
 BAND_RADII = 2.2
@@ -58,12 +61,16 @@ def draw_into_views(views: Sequence[AlignedView], is_matched: bool) -> DrawnView
     """
     found = [find_bands(aligned) for aligned in views]
     bands = [each for each in found if each is not None]
-    if not bands or len(bands) < len(found):
+    n_measuring = sum(aligned.n_measured > 0 for aligned in views)
+    if not bands or len(bands) < n_measuring:
         return None
-    if not is_matched and not any(each.show_matching for each in bands):
+    if not is_matched and not any(each.shows_matching for each in bands):
         return None
     return DrawnViews(
-        images=[draw_strings(aligned, each) for aligned, each in zip(views, bands, strict=True)],
+        images=[
+            aligned.view if each is None else draw_strings(aligned, each)
+            for aligned, each in zip(views, found, strict=True)
+        ],
         compression=min(each.compression for each in bands),
         lost_m=max(each.lost_m for each in bands),
     )
@@ -85,7 +92,8 @@ def draw_strings(aligned: AlignedView, bands: StringBands) -> CorrectedView:
     nearer_m = np.where(is_raised, raised_m / np.maximum(descent, MIN_SLOPE), np.float32(0))
     depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
     tubes_m = _tube_depths(aligned, bands)
-    is_tube = np.isfinite(tubes_m) & (view.depth > 0)
+    # what is nearer than the tube by its radius is another object
+    is_tube = np.isfinite(tubes_m) & (view.depth > 0) & (tubes_m - depth_m < aligned.parameters.r)
     depth_m[is_tube] = tubes_m[is_tube]
     unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
@@ -94,7 +102,7 @@ def draw_strings(aligned: AlignedView, bands: StringBands) -> CorrectedView:
 
 def _lost_heights(aligned: AlignedView, bands: StringBands) -> NDArray[np.float32]:
     """Return the height (H, W) that each pixel lost, metres. The tops beside it show how much a band lost."""
-    diameter_m = 2 * aligned.parameters.r
+    diameter_m = bands.diameter_m
     top_m = np.full(bands.heights.shape, np.float32(diameter_m * bands.compression))
     v, u = np.nonzero(bands.mask)
     distance, nearest = bands.tree.query(np.column_stack([u, v]), distance_upper_bound=BAND_RADII * bands.r_px)
@@ -103,9 +111,9 @@ def _lost_heights(aligned: AlignedView, bands: StringBands) -> NDArray[np.float3
     top_m[v, u] = bands.tops_m[np.asarray(nearest)[in_band]]
     is_band = np.zeros(top_m.shape, dtype=np.bool_)
     is_band[v, u] = True
-    compression = np.clip(top_m / np.float32(diameter_m), np.float32(MIN_TOP), np.float32(1))
-    lost = np.clip(bands.heights, 0, top_m) * (1 / compression - 1)
-    return np.where(is_band | ~is_wide(aligned, bands.heights), lost, np.float32(0))
+    top_m = np.maximum(top_m, np.float32(MIN_TOP * diameter_m))
+    lost = np.clip(bands.heights / top_m, 0, 1) * (_full_tops(bands, top_m) - top_m)
+    return np.where(is_band | ~is_wide(aligned, bands.heights), lost, np.float32(0)).astype(np.float32)
 
 
 def _tube_depths(aligned: AlignedView, bands: StringBands) -> NDArray[np.float64]:
@@ -175,8 +183,18 @@ def _draw_slices(
 
 def _axis_heights(bands: StringBands, tops_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the heights (...) of the axes of strings with measured tops (...) above the table, metres."""
-    full_m = tops_m + bands.diameter_m * (1 - bands.compression)
-    return np.maximum(full_m, bands.diameter_m) - bands.diameter_m / 2
+    return _full_tops(bands, tops_m) - bands.diameter_m / 2
+
+
+def _full_tops(bands: StringBands, tops_m: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the heights (...) of tops that were measured (...) above the table, metres.
+
+    A string is at least as high as a resting one. One on another string lost as much as a resting one.
+    """
+    lowest, highest = UPPER_TOPS
+    share_on_another = np.clip((tops_m / bands.diameter_m - lowest) / (highest - lowest), 0, 1)
+    lost_m = bands.diameter_m * (1 - bands.compression)
+    return np.maximum(tops_m + share_on_another * lost_m, bands.diameter_m)
 
 
 def _depth_at(

@@ -15,9 +15,14 @@ from scipy.spatial import KDTree
 
 from recognition.depth_correction.band_axes import MIN_MIDDLES, PixelPairs, across, fit_axes
 from recognition.depth_correction.height_compression import (
+    APEX_RADII,
     BLUR_RADII,
     HALF_HEIGHT,
+    MAX_RESTING,
     MIN_BLUR_PX,
+    MIN_COMPRESSION,
+    MIN_LOSS,
+    MIN_SLOPE,
     PIXEL_EDGE_PX,
 )
 from recognition.depth_correction.pixel_heights import heights_above_table
@@ -26,6 +31,10 @@ from recognition.preprocessing.target_cloud import AlignedView, is_in_workspace
 LOCAL_RADII = 8.0
 """Standard deviation of the weights with which the table beside a pixel is averaged, in radii r. Slow errors of the
 depth are the same on a string and on the table beside it."""
+LOCAL_STEP_RADII = 1.0
+"""Step of the pixels whose heights are averaged for that, in radii r."""
+LOCAL_TRUNCATE = 2.5
+"""Distance up to which they are averaged, in standard deviations."""
 TABLE_SCATTERS = 3.0
 """Maximum height of the pixels that are averaged, in standard deviations of patches of the table, or `TABLE_RADII`."""
 TABLE_RADII = 0.5
@@ -36,8 +45,6 @@ MIN_HEIGHT_RADII = 0.35
 """Minimum height of a band above the table beside it, in radii r."""
 MIN_HEIGHT_SCATTERS = 2.5
 """Minimum height of a band, in standard deviations of patches of the table."""
-APEX_RADII = 0.5
-"""Maximum distance of the highest pixel from the middle of a band, in radii r."""
 MAX_MIDDLES = 10_000
 """Maximum number of middle pixels of an image. Ten metres of string have about 3,000; more are noise."""
 SPAN_RADII = 3.0
@@ -48,18 +55,15 @@ MIN_MEDIAN_WIDTH_RADII = 0.75
 """Minimum median half width of the bands of a region, in radii r. Narrower bands are those of thinner strings."""
 MIN_AXIS_POINTS = 10
 """Minimum number of axis points of a region, and of an image."""
-MAX_RESTING = 1.05
-"""Maximum height of the tops that give the compression, in 2 r. Higher ones lie on other strings."""
-MIN_LOSS = 0.08
-"""Minimum loss of height, as a share. Less counts as none."""
-MIN_COMPRESSION = 0.4
-"""Minimum compression. A lower band is that of another object."""
 FULL_HEIGHT = 0.8
 """Minimum height of a top of a string, as a share of that of resting strings."""
 MIN_FULL_SHARE = 0.3
 """Minimum share of tops of this height in a region. Other regions are lower objects."""
 MAX_TOP_SHARE = 0.3
 """Maximum height of a top, as a share of the height of the camera above the table. Higher ones are wrong depth."""
+MAX_ACROSS_TILT = 0.26
+"""Maximum rise across an axis, per length, at which its profile is measured: 15 degrees. In a more oblique view, the
+near side of a string is a wide flank."""
 PROFILE_RADII = 2.4
 """Distance from the axis up to which the mean profile of the bands is measured, in radii r."""
 PROFILE_STEP_RADII = 0.1
@@ -83,7 +87,7 @@ MIN_LOW_SHARE = 0.05
 MIN_HIGH_SHARE = 0.5
 """Minimum share of high tops in such a region. A low object is low everywhere."""
 ROUND_FLANK_RADII = 0.134
-"""Width of the flank of a round string seen from above, in radii r. It is half as high as wide at 0.87 r."""
+"""Width of the flank of a round string, in radii r: it falls from 0.75 to 0.25 of its height from 0.87 r to r."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +110,8 @@ class StringBands:
     """(M, 2) unit vectors along the axes."""
     curvature: NDArray[np.float64]
     """(M,) half the curvature of the axes, to the left of `tangent` seen in the image, 1/pixel."""
+    across_rise: NDArray[np.float64]
+    """(M,) rise of the image plane along `normal`, per length; 0 if a string is seen from straight above."""
     axis_tops_m: NDArray[np.float64]
     """(M,) heights of the tops at these points, metres."""
     axis_slopes: NDArray[np.float64]
@@ -135,7 +141,7 @@ class StringBands:
         return max(self.diameter_m - float(np.percentile(self.axis_tops_m, LOWEST_PERCENTILE)), 0.0)
 
     @property
-    def show_matching(self) -> bool:
+    def shows_matching(self) -> bool:
         """Whether the bands show that the depth was matched in windows."""
         return self.is_uneven or self.border_blur_px() >= MIN_BORDER_BLUR_PX
 
@@ -144,14 +150,15 @@ class StringBands:
 
         Windows blur a border over about half their width. Sharp pixels blur it by less than one.
         """
-        is_resting = self.axis_tops_m < MAX_RESTING * self.diameter_m
-        if np.count_nonzero(is_resting) < MIN_AXIS_POINTS:
+        is_level = np.abs(self.across_rise) < MAX_ACROSS_TILT
+        shown = is_level & (self.axis_tops_m < MAX_RESTING * self.diameter_m)
+        if np.count_nonzero(shown) < MIN_AXIS_POINTS:
             return 0.0
         offsets = np.arange(-PROFILE_RADII, PROFILE_RADII + PROFILE_STEP_RADII / 2, PROFILE_STEP_RADII)
-        across_px = offsets[:, None] * self.r_px * self.normal[is_resting, None]
-        u, v = np.moveaxis(self.axis[is_resting, None] + across_px, -1, 0)
+        across_px = offsets[:, None] * self.r_px * self.normal[shown, None]
+        u, v = np.moveaxis(self.axis[shown, None] + across_px, -1, 0)
         sampled = ndimage.map_coordinates(self.heights, [v, u], order=1, mode="nearest")
-        profile = np.median(sampled / self.axis_tops_m[is_resting, None], axis=0)
+        profile = np.median(sampled / self.axis_tops_m[shown, None], axis=0)
         high, low = (_half_width(profile, share * float(profile.max())) for share in FLANK_HEIGHTS)
         if low is None or high is None:
             return 0.0
@@ -186,25 +193,30 @@ def find_bands(aligned: AlignedView) -> StringBands | None:
     median_width = pairs.median(width)
     axes = fit_axes(middles, pairs, SPAN_RADII * r_px)
     narrowest, widest = WIDTH_RADII
-    is_wide_enough = (median_width > narrowest) & (median_width < widest) & _are_reachable(aligned, middles, tops_m)
+    is_wide_enough = (median_width > narrowest) & (median_width < widest) & _are_in_workspace(aligned, middles, tops_m)
     is_smooth = axes.is_smooth(r_px) & is_wide_enough
 
-    compression = _compression(tops_m[is_smooth] / (2 * r))
     regions = _regions(mask)[v, u]
+    compression = _compression(regions[is_smooth], tops_m[is_smooth] / (2 * r))
     in_string = _are_strings(regions, is_smooth, tops_m > FULL_HEIGHT * compression * 2 * r, median_width)
     is_axis = is_smooth & in_string
     is_uneven = _is_uneven(regions[is_axis], tops_m[is_axis] / (2 * r), median_width[is_axis])
     if np.count_nonzero(is_axis) < MIN_AXIS_POINTS:
         return None
     in_band = in_string & is_wide_enough
+    tangent = axes.tangent[is_axis]
+    across_rise = across(tangent) @ aligned.T_base_camera[2, :2]
+    # from the side, the lower half of a string is in its band on the near side only
+    middle_px = np.sign(across_rise) * r_px * (1 - np.sqrt(1 - across_rise**2)) / 2
     return StringBands(
         heights=heights,
         local_table=local_table,
         mask=mask,
         middles=middles[in_band],
         tops_m=tops_m[in_band],
-        axis=axes.position[is_axis],
-        tangent=axes.tangent[is_axis],
+        axis=axes.position[is_axis] - middle_px[:, None] * across(tangent),
+        tangent=tangent,
+        across_rise=across_rise,
         curvature=axes.curvature[is_axis],
         axis_tops_m=tops_m[is_axis],
         axis_slopes=axes.slope_of(tops_m, pairs)[is_axis],
@@ -217,23 +229,29 @@ def find_bands(aligned: AlignedView) -> StringBands | None:
 
 def _local_table(above_plane: NDArray[np.float32], r_px: float, limit_m: float) -> NDArray[np.float32]:
     """Return the mean height (H, W) of the table beside each pixel above the plane, metres; 0 far from the table."""
-    is_table = (above_plane != 0) & (np.abs(above_plane) < limit_m)
-    sigma = LOCAL_RADII * r_px
-    weight = ndimage.gaussian_filter(is_table.astype(np.float32), sigma, truncate=2.5)
-    height = ndimage.gaussian_filter(np.where(is_table, above_plane, np.float32(0)), sigma, truncate=2.5)
+    step = max(int(LOCAL_STEP_RADII * r_px), 1)
+    sampled = above_plane[::step, ::step]
+    is_table = (sampled != 0) & (np.abs(sampled) < limit_m)
+    sigma = LOCAL_RADII * r_px / step
+    weight = ndimage.gaussian_filter(is_table.astype(np.float32), sigma, truncate=LOCAL_TRUNCATE)
+    height = ndimage.gaussian_filter(np.where(is_table, sampled, np.float32(0)), sigma, truncate=LOCAL_TRUNCATE)
     is_known = weight > MIN_TABLE_SHARE
-    return np.where(is_known, height / np.where(is_known, weight, np.float32(1)), np.float32(0))
+    mean = np.where(is_known, height / np.where(is_known, weight, np.float32(1)), np.float32(0))
+    height_px, width_px = above_plane.shape
+    return np.repeat(np.repeat(mean, step, axis=0), step, axis=1)[:height_px, :width_px]
 
 
-def _are_reachable(
+def _are_in_workspace(
     aligned: AlignedView, pixels: NDArray[np.float64], height_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return which pixels (N, 2) with heights (N,) above the table, metres, are in the workspace and not too high."""
     T = aligned.T_base_camera
     camera_height_m = T[2, 3] - aligned.scene.table_z_m
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ (T[:3, :3] @ np.linalg.inv(aligned.view.K)).T
-    points = T[:3, 3] + rays * ((height_m - camera_height_m) / rays[:, 2])[:, None]
-    return is_in_workspace(points, aligned.scene) & (height_m < MAX_TOP_SHARE * camera_height_m)
+    descent = np.maximum(-rays[:, 2], MIN_SLOPE)
+    points = T[:3, 3] + rays * ((camera_height_m - height_m) / descent)[:, None]
+    is_seen = (-rays[:, 2] > MIN_SLOPE) & (height_m < MAX_TOP_SHARE * camera_height_m)
+    return is_seen & is_in_workspace(points, aligned.scene)
 
 
 def _regions(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -243,12 +261,18 @@ def _regions(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     return labels
 
 
-def _compression(tops: NDArray[np.float64]) -> float:
-    """Return the compression of heights from the heights (N,) of tops in 2 r; 1 if there is none."""
-    resting = tops[tops < MAX_RESTING]
-    if len(resting) < MIN_AXIS_POINTS:
-        return 1.0
-    compression = float(np.median(resting))
+def _compression(regions: NDArray[np.intp], tops: NDArray[np.float64]) -> float:
+    """Return the compression of heights from the tops (N,) in 2 r of axes in regions (N,); 1 if there is none.
+
+    It is the median of the resting tops in the highest region. Lower regions are those of lower objects.
+    """
+    is_resting = tops < MAX_RESTING
+    medians = [
+        float(np.median(tops[is_resting & (regions == region)]))
+        for region in np.unique(regions)
+        if np.count_nonzero(is_resting & (regions == region)) >= MIN_AXIS_POINTS
+    ]
+    compression = max(medians, default=1.0)
     return 1.0 if compression > 1 - MIN_LOSS else max(compression, MIN_COMPRESSION)
 
 

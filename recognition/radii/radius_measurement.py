@@ -75,6 +75,11 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     rough_m = estimate_rough_radius(clouds, scene.table_z_m) if matched_m is None else matched_m
     rough = ChainParameters.for_radius(rough_m)
     surface = observe(measured.views, scene, rough, earlier=measured)
+    if matched_m is None and surface.ingested.drawn is not None:
+        # the tubes that were drawn have the rough radius
+        matched_m = _radius_of_bands(corrected, scene)
+        rough = rough if matched_m is None else ChainParameters.for_radius(matched_m)
+        surface = observe(measured.views, scene, rough, earlier=measured)
     if surface.no_string_reason is not None:
         return MeasuredRadius(rough.r)
     # Radii do not depend on what the depth images show beside the surface. The search for it would take time.

@@ -58,12 +58,12 @@ def test_a_note_lists_only_what_applies_and_its_direction() -> None:
     assert without_strings.value == pytest.approx(0.00096, rel=0.01)
 
 
-def test_drawn_strings_are_told_instead_of_a_compression() -> None:
+def test_drawn_strings_are_listed_instead_of_a_compression() -> None:
     drawn = DrawnViews([], compression=0.7, lost_m=0.0021)
     (note,) = stereo_findings(None, 0.7, drawn, None, R)
     assert note.message == (
-        "errors of stereo matching were corrected: strings were drawn as tubes along their bands in the image, as a "
-        "single viewpoint shows their heights unevenly, in places 2.1 mm too low"
+        "errors of stereo matching were corrected: strings were drawn as tubes along their bands in the image, as all "
+        "views are from one viewpoint, where their heights are uneven, in places 2.1 mm too low"
     )
     assert note.value == pytest.approx(0.0021)
 

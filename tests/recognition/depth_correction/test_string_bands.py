@@ -1,7 +1,5 @@
 """Bands of strings in a single view, their axes, and what they show of the matching of the depth."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -28,19 +26,20 @@ def wave(x_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return WAVE_M * np.sin(x_m * 30)
 
 
-def string_heights(r: float = R, lowered: float = 0.0) -> NDArray[np.float64]:
+def string_heights(r: float = R, lowered: float = 0.0, share: float = 0.5) -> NDArray[np.float64]:
     """Return the heights (H, W) of a resting string in a wave, seen from above, metres.
 
     Args:
         r: Radius of the string, metres.
-        lowered: Share of the height that is lost in every second 30 mm of the string.
+        lowered: Share of the height that is lost in a part of each 60 mm along x.
+        share: This part.
     """
     v, u = np.indices(SIZE)
     x, y = ((pixel - centre) * HEIGHT_M / K[0, 0] for pixel, centre in ((u, K[0, 2]), (v, K[1, 2])))
     line_x = np.arange(-0.1, 0.1, 0.0002)
     distance = np.min(np.hypot(x[..., None] - line_x[::5], y[..., None] - wave(line_x[::5])), axis=2)
     top = np.where(distance < r, r + np.sqrt(np.maximum(r**2 - distance**2, 0)), 0.0)
-    return top * np.where((x // 0.03) % 2 == 0, 1 - lowered, 1.0)
+    return top * np.where((x / 0.06) % 1 < share, 1 - lowered, 1.0)
 
 
 def view_of(heights: NDArray[np.float64]) -> View:
@@ -75,17 +74,17 @@ def test_axes_are_the_middles_of_the_bands(window_px: int) -> None:
     y = -(bands.axis[:, 1] - K[1, 2]) * HEIGHT_M / K[1, 1]
     # the rows of the image run against y, and the string is 2 r higher, which enlarges it by 2 %
     error_px = np.abs(-y - wave(x)) * K[0, 0] / HEIGHT_M
-    # of a slanted axis, the distance along y is larger than that across: by 1.2 at most
+    # the distance along y is larger than that across a slanted axis: by 1.2 at most
     assert np.median(error_px) < 0.5
     assert np.percentile(error_px, 95) < 1.2
     assert np.ptp(x) > 0.17
 
 
-def test_sharp_depth_does_not_show_matching() -> None:
+def test_sharp_depth_does_not_shows_matching() -> None:
     bands = bands_of(string_heights())
     assert bands.compression == 1.0
     assert bands.border_blur_px() < 0.9
-    assert not bands.show_matching
+    assert not bands.shows_matching
     assert bands.lost_m < 0.1 * R
 
 
@@ -93,13 +92,13 @@ def test_sharp_depth_does_not_show_matching() -> None:
 def test_windows_blur_the_borders(window_px: int) -> None:
     bands = bands_of(in_windows(string_heights(), window_px))
     assert bands.border_blur_px() > MIN_BORDER_BLUR_PX
-    assert bands.show_matching
+    assert bands.shows_matching
 
 
-def test_strings_that_are_too_low_in_places_show_matching() -> None:
+def test_strings_that_are_too_low_in_places_shows_matching() -> None:
     bands = bands_of(string_heights(lowered=0.4))
     assert bands.is_uneven
-    assert bands.show_matching
+    assert bands.shows_matching
     # The lowest tenth lost 40 % of 2 r.
     assert bands.lost_m == pytest.approx(0.4 * 2 * R, rel=0.1)
 
@@ -146,8 +145,3 @@ def test_the_median_of_pairs_is_that_of_the_near_pixels() -> None:
     pairs = PixelPairs.within(points, 2.5)
     np.testing.assert_array_equal(pairs.median(np.array([1.0, 5.0, 3.0, 7.0])), [3.0, 3.0, 3.0, 7.0])
     np.testing.assert_array_equal(pairs.sum(np.ones(len(pairs.first))), [3.0, 3.0, 3.0, 1.0])
-
-
-def test_the_index_of_the_view_is_kept() -> None:
-    view = replace(view_of(string_heights()), index=3)
-    assert align_view(view, ChainParameters.for_radius(R), Scene()).view.index == 3
