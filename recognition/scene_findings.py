@@ -2,8 +2,12 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from recognition.assembly.chain_ends import unobserved_end_findings
 from recognition.assembly.checked_chains import CheckedChains
+from recognition.assembly.missed_strings import missed_string_findings
 from recognition.assembly.sharp_bends import sharp_bend_findings
 from recognition.assembly.stereo_findings import stereo_findings, uncertain_radius_findings
 from recognition.assembly.table_frame import table_findings
@@ -46,6 +50,7 @@ def scene_findings(
         *possible_object_findings(checked.unexplained, chains, parameters),
         *checked.contact_findings,
         *unobserved_end_findings(chains, surface.scene, parameters),
+        *_missed_strings(checked.unexplained, found, surface),
         *unexplained_findings(checked.unexplained, parameters),
         *drift_findings(registration, chains),
         *table_findings(ingested.measured.table, chains),
@@ -71,6 +76,17 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
         *view_findings(surface.views_quality, ingested.captured, ()),
         *coverage_findings(ingested.targets, (), surface.scene),
     )
+
+
+def _missed_strings(pieces: Sequence[NDArray[np.float64]], found: FoundChains, surface: Surface) -> Sequence[Finding]:
+    """Return the doubts about surface that may be a missed string. Methods without a tube fit miss much of it."""
+    refinement = found.stages.refinement
+    if refinement is None:
+        return ()
+    lines = [strand.points for strand in refinement.strands]
+    # thicker strings that were excluded are no strands of the first fit
+    doubted = [np.array(each.point_m) for each in found.findings if each.code == "possible-string"]
+    return missed_string_findings(pieces, lines, doubted, surface.parameters, surface.scene.table_z_m)
 
 
 def _radius_findings(

@@ -214,8 +214,8 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "possible-string": FindingType(
         severity="doubt",
         scope="model",
-        meaning="A piece was excluded that may be a string: hardly seen, of another radius, thicker and straight, "
-        "or in uneven surface.",
+        meaning="Something that may be a string is in no chain: an excluded piece, or narrow and low surface that no "
+        "strand follows.",
         action="Look at it. Check the radius, and give that of the thinnest string. Or scan again from more views.",
         decision="scan again",
         value="length of the piece, m",

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import KDTree
 
 from cell.devices import View
+from cell.planning.look_at import Bearing
+from cell.simulation.offline_scan import simulate
+from cell.simulation.pose_errors import NO_ERRORS
+from cell.simulation.rendering.depth_camera import camera_model
+from cell.simulation.scenes.scenes import make_scene
 from recognition.depth_correction.band_axes import PixelPairs, fit_axes
 from recognition.depth_correction.string_bands import MIN_BORDER_BLUR_PX, StringBands, find_bands
 from recognition.parameters import ChainParameters
@@ -113,6 +119,24 @@ def test_a_thinner_string_has_no_band() -> None:
 
 def test_a_bare_table_has_no_band() -> None:
     assert find_bands(aligned(np.zeros(SIZE))) is None
+
+
+@pytest.mark.parametrize("tilt_deg", [5, 30, 45])
+def test_oblique_sharp_depth_shows_the_axis_and_no_matching(tilt_deg: float) -> None:
+    scene = make_scene("arc", 2, R)
+    bearing = Bearing(0.7, np.deg2rad(90 - tilt_deg), 0.3)
+    camera = camera_model("exact", (1280, 800))
+    (view,) = simulate(scene, camera, 1, errors=NO_ERRORS, views=1, bearings=[bearing]).views
+    bands = find_bands(align_view(view, ChainParameters.for_radius(R), Scene()))
+    assert bands is not None
+    assert not bands.shows_matching
+    T = view.T_base_camera
+    pixels = (np.vstack(scene.curves) - T[:3, 3]) @ T[:3, :3] @ view.K.T
+    line = pixels[:, :2] / pixels[:, 2:]
+    distance, _ = KDTree(line).query(bands.axis)
+    # points of the line are up to 2 pixels apart, which is 0.25 radii
+    assert np.median(distance) < 0.1 * bands.r_px
+    assert np.percentile(distance, 95) < 0.2 * bands.r_px
 
 
 def test_slow_errors_of_the_table_are_those_of_the_string() -> None:
