@@ -19,10 +19,8 @@ SCATTER_RADIUS_RADII = 3.0
 """Radius of the neighbourhood in which it is measured, in radii."""
 SAMPLE_COUNT = 200
 """Maximum number of points at which it is measured."""
-MAX_HEIGHT_RADII = 4.0
-"""Maximum height of a piece above the table, in radii: that of a string on another one."""
-HEIGHT_PERCENTILE = 90
-"""Percentile of the heights that stands for the height of the piece."""
+MAX_HEIGHT_RADII = 2.2
+"""Maximum median height of the surface above the table, in radii. That of a resting string is below 2."""
 FOLLOWED_RADII = 2.0
 """Distance up to which a strand follows the surface, in radii."""
 DOUBTED_RADII = 4.0
@@ -67,7 +65,7 @@ def missed_string_findings(
 
 def _is_like_string(piece: NDArray[np.float64], r: float, table_z_m: float) -> bool:
     """Return whether a piece (N, 3) is as narrow and as low as strings of radius r, seen from above."""
-    if np.percentile(piece[:, 2], HEIGHT_PERCENTILE) - table_z_m > MAX_HEIGHT_RADII * r:
+    if np.median(piece[:, 2]) - table_z_m > MAX_HEIGHT_RADII * r:
         return False
     xy = piece[:, :2]
     sample = xy[:: -(-len(xy) // SAMPLE_COUNT)]

@@ -133,7 +133,8 @@ def fit_axes(middles: NDArray[np.float64], pairs: PixelPairs, span: float) -> Ax
     constant, slope, quadratic = np.linalg.solve(normal_matrix, right[..., None])[..., 0].T
     fitted = constant[pairs.first] + s * (slope[pairs.first] + s * quadratic[pairs.first])
     tangent = along + slope[:, None] * sideways
-    lowest, highest = np.zeros(n), np.zeros(n)
+    lowest = np.zeros(n)
+    highest = np.zeros(n)
     np.minimum.at(lowest, pairs.first, s)
     np.maximum.at(highest, pairs.first, s)
     return Axes(

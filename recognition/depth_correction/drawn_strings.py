@@ -107,7 +107,8 @@ def _lost_heights(aligned: AlignedView, bands: StringBands) -> NDArray[np.float3
     v, u = np.nonzero(bands.mask)
     distance, nearest = bands.tree.query(np.column_stack([u, v]), distance_upper_bound=BAND_RADII * bands.r_px)
     in_band = np.isfinite(distance)
-    v, u = v[in_band], u[in_band]
+    v = v[in_band]
+    u = u[in_band]
     top_m[v, u] = bands.tops_m[np.asarray(nearest)[in_band]]
     is_band = np.zeros(top_m.shape, dtype=np.bool_)
     is_band[v, u] = True
@@ -141,7 +142,9 @@ def _pieces(
     bands: StringBands, piece: slice, along_px: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return positions (M, S, 2) and unit tangents (M, S, 2) of the axes at S distances along from M axis points."""
-    start, tangent, normal = bands.axis[piece, None], bands.tangent[piece, None], bands.normal[piece, None]
+    start = bands.axis[piece, None]
+    tangent = bands.tangent[piece, None]
+    normal = bands.normal[piece, None]
     bend = (bands.curvature[piece, None] * along_px)[..., None]
     s = along_px[:, None]
     bent = tangent + 2 * bend * normal
@@ -174,7 +177,7 @@ def _draw_slices(
     x = (offset * sideways).sum(axis=-1) / tube_px[:, None, None]
     along = np.abs((offset * tangent[:, :, None]).sum(axis=-1))
     height, width = nearest_m.shape
-    u, v = pixels[..., 0], pixels[..., 1]
+    u, v = np.moveaxis(pixels, -1, 0)
     is_drawn = (np.abs(x) < EDGE) & (along < MAX_ALONG_PX) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
     surface_m = depth_m[:, :, None] - r * np.sqrt(np.maximum(1 - x**2, 0))
     drawn = (v[is_drawn].astype(np.intp), u[is_drawn].astype(np.intp))

@@ -319,7 +319,8 @@ def _half_width(profile: NDArray[np.float64], level: float) -> float | None:
     """Return half the number of steps over which the middle of a profile (K,) is above a level, or None for all."""
     middle = len(profile) // 2
     below = np.flatnonzero(profile <= level)
-    left, right = below[below < middle], below[below > middle]
+    left = below[below < middle]
+    right = below[below > middle]
     if len(left) == 0 or len(right) == 0:
         return None
     return float(right[0] - left[-1]) / 2
