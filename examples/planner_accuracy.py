@@ -47,9 +47,9 @@ def judge(case: Case, camera: CameraName) -> tuple[bool, str, bool] | None:
     scene = make_scene(name, seed, clutter=boxes)
     scan = simulate(scene, camera_model(camera), seed)
     parameters = ChainParameters.for_radius(scene.radius_m)
-    request, place = RecognitionRequest(radius_m=parameters.r), Scene(workspace_m=scan.header.workspace_m)
+    request = RecognitionRequest(radius_m=parameters.r)
     try:
-        document = recognise(scan.views, request, place).model.to_json()
+        document = recognise(scan.views, request, Scene(workspace_m=scan.header.workspace_m)).model.to_json()
     except RecognitionError:
         return None
     model, result = Model.from_json(document), score(document, scan.truth)

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from recognition.assembly.chain_ends import unobserved_end_findings
 from recognition.assembly.checked_chains import CheckedChains
-from recognition.assembly.missed_strings import missed_string_findings
 from recognition.assembly.sharp_bends import sharp_bend_findings
 from recognition.assembly.stereo_findings import stereo_findings, uncertain_radius_findings
 from recognition.assembly.table_frame import table_findings
-from recognition.assembly.unexplained import possible_object_findings, unexplained_findings
+from recognition.assembly.unexplained import missed_string_findings, possible_object_findings, unexplained_findings
 from recognition.assembly.view_findings import (
     drift_findings,
     noise_findings,

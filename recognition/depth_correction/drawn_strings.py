@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.depth_correction.band_axes import across
-from recognition.depth_correction.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
-from recognition.depth_correction.height_compression import MIN_SLOPE, is_wide
-from recognition.depth_correction.pixel_heights import slopes
+from recognition.depth_correction.depth_warp import CorrectedView
+from recognition.depth_correction.height_compression import is_wide, raised_depths, with_depths
 from recognition.depth_correction.string_bands import StringBands, find_bands
-from recognition.preprocessing.target_cloud import AlignedView, DepthView, intensity_of
+from recognition.preprocessing.target_cloud import AlignedView, DepthView
 
 PIECE_RADII = 1.0
 """Distance on both sides of an axis point up to which its tube is drawn, in radii r."""
@@ -85,19 +84,12 @@ def draw_strings(aligned: AlignedView, bands: StringBands) -> CorrectedView:
         aligned: View aligned to the table plane.
         bands: Bands of strings in the view.
     """
-    view = aligned.view
-    descent = -slopes(aligned, 1)
-    raised_m = _lost_heights(aligned, bands) - bands.local_table
-    is_raised = (view.depth > 0) & (descent > MIN_SLOPE)
-    nearer_m = np.where(is_raised, raised_m / np.maximum(descent, MIN_SLOPE), np.float32(0))
-    depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
+    depth_m = raised_depths(aligned, _lost_heights(aligned, bands) - bands.local_table)
     tubes_m = _tube_depths(aligned, bands)
     # what is nearer than the tube by its radius is another object
-    is_tube = np.isfinite(tubes_m) & (view.depth > 0) & (tubes_m - depth_m < aligned.parameters.r)
+    is_tube = np.isfinite(tubes_m) & (aligned.view.depth > 0) & (tubes_m - depth_m < aligned.parameters.r)
     depth_m[is_tube] = tubes_m[is_tube]
-    unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
-    counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
-    return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))
+    return with_depths(aligned.view, depth_m)
 
 
 def _lost_heights(aligned: AlignedView, bands: StringBands) -> NDArray[np.float32]:

@@ -18,7 +18,7 @@ from scipy.spatial import KDTree
 from calibration.geometry.transforms import transform_points
 from recognition.depth_correction.depth_warp import MAX_COUNT, CorrectedView, finer_unit_m
 from recognition.depth_correction.pixel_heights import heights_above_table, slopes
-from recognition.preprocessing.target_cloud import AlignedView, deproject, intensity_of, is_in_workspace
+from recognition.preprocessing.target_cloud import AlignedView, DepthView, deproject, intensity_of, is_in_workspace
 
 MIN_HEIGHT_RADII = 0.5
 """Minimum height of a ridge above the table, in radii r."""
@@ -179,13 +179,28 @@ def restore_heights(aligned: AlignedView, compression: float) -> CorrectedView:
         aligned: View aligned to the table plane.
         compression: Compression of heights.
     """
-    view = aligned.view
     heights = heights_above_table(aligned, 1)
     lost = np.minimum(heights, np.float32(2 * aligned.parameters.r * compression)) * np.float32(1 / compression - 1)
+    is_restored = (heights > 0) & ~is_wide(aligned, heights)
+    return with_depths(aligned.view, raised_depths(aligned, np.where(is_restored, lost, np.float32(0))))
+
+
+def raised_depths(aligned: AlignedView, raised_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the depths (H, W) of points that are raised along their lines of sight, metres; 0 stays 0.
+
+    Args:
+        aligned: View aligned to the table plane.
+        raised_m: (H, W) height by which each point is raised, metres. Nearly level lines of sight are not raised.
+    """
+    view = aligned.view
     descent = -slopes(aligned, 1)
-    is_restored = (heights > 0) & (descent > MIN_SLOPE) & ~is_wide(aligned, heights)
-    nearer_m = np.where(is_restored, lost / np.maximum(descent, MIN_SLOPE), np.float32(0))
-    depth_m = view.depth * np.float32(view.depth_unit_m) - nearer_m
+    is_raised = (view.depth > 0) & (descent > MIN_SLOPE)
+    nearer_m = np.where(is_raised, raised_m / np.maximum(descent, MIN_SLOPE), np.float32(0))
+    return view.depth * np.float32(view.depth_unit_m) - nearer_m
+
+
+def with_depths(view: DepthView, depth_m: NDArray[np.float32]) -> CorrectedView:
+    """Return a view with other depths (H, W), metres, in a unit so fine that rounding adds no error."""
     unit_m = finer_unit_m(view.depth_unit_m, float(depth_m.max()))
     counts = np.clip(np.rint(depth_m / np.float32(unit_m)), 0, MAX_COUNT)
     return CorrectedView(view.index, counts.astype(np.uint16), unit_m, view.K, view.T_base_camera, intensity_of(view))

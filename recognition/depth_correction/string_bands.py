@@ -72,7 +72,7 @@ FLANK_HEIGHTS = (0.75, 0.25)
 """Heights between which the width of the flank of the profile is measured, as shares of its height."""
 MIN_BORDER_BLUR_PX = 1.4
 """Minimum blur of the borders of strings that shows that depth was matched in windows, pixels. Windows of 5 pixels blur
-them by 1.6 to 2.9; depth without windows by up to 0.9, or by 1.3 with strong noise."""
+them by 1.7 or more in most views; depth without windows by up to 0.8."""
 LOWEST_PERCENTILE = 10
 """Percentile of the tops that stands for the lowest ones. Single ones are wrong depth."""
 LOW_TOP = 0.8

@@ -78,8 +78,9 @@ def measure_radius(measured: TableAndWarp) -> MeasuredRadius:
     if matched_m is None and surface.ingested.drawn is not None:
         # the tubes that were drawn have the rough radius
         matched_m = _radius_of_bands(corrected, scene)
-        rough = rough if matched_m is None else ChainParameters.for_radius(matched_m)
-        surface = observe(measured.views, scene, rough, earlier=measured)
+        if matched_m is not None:
+            rough = ChainParameters.for_radius(matched_m)
+            surface = observe(measured.views, scene, rough, earlier=measured)
     if surface.no_string_reason is not None:
         return MeasuredRadius(rough.r)
     # Radii do not depend on what the depth images show beside the surface. The search for it would take time.

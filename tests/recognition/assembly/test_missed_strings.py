@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recognition.assembly.missed_strings import missed_string_findings
+from recognition.assembly.unexplained import missed_string_findings
 from recognition.parameters import ChainParameters
 
 R = 0.004
