@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibration.geometry.transforms import rotation_angle
-from cell.camera.oak_stream import DEPTH_UNIT_M, Stream, load
+from cell.camera.oak_stream import DEPTH_UNIT_M, SPARE_PICTURES, Stream, load
 from cell.config.camera_config import OakCamera
 from cell.config.camera_optics import baseline_m
 from cell.devices import CameraInfo
@@ -183,7 +183,7 @@ def _started(device: "dai.Device", settings: OakCamera) -> Stream:
     gate = _closed_gate(pipeline, rectified)
     queue = depth.createOutputQueue(maxSize=1, blocking=False)
     # images that arrive during the wait for depth are kept; when there are more, the oldest are dropped
-    pictures = gate.output.createOutputQueue(maxSize=settings.exposures, blocking=False)
+    pictures = gate.output.createOutputQueue(maxSize=settings.exposures + SPARE_PICTURES, blocking=False)
     shutter = gate.inputControl.createInputQueue()
     timing = left.createOutputQueue(maxSize=1, blocking=False)
     controls = [camera.inputControl.createInputQueue() for camera in cameras]

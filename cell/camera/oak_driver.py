@@ -78,10 +78,11 @@ class OakDriver:
         count = self._settings.exposures
         pictures: list[Picture] = []
         left_images: list[Picture] = []
-        stream.watch(True)
-        try:
-            self._drop_waiting_images()
-            with stream.sending_pictures():
+        with stream.sending_pictures():
+            after_s = max(after_s, time.monotonic())  # an earlier exposure may have been stopped at the gate
+            stream.watch(True)
+            try:
+                self._drop_waiting_images()
                 if not with_image:
                     exposures, left_images = self._receive_pairs(after_s, silence_s, patience_s)
                 else:
@@ -91,8 +92,8 @@ class OakDriver:
                         pictures = wait_for_exposures(
                             self._receive_picture, max(after_s, dark_s), count, silence_s, patience_s, "picture"
                         )
-        finally:
-            stream.watch(False)
+            finally:
+                stream.watch(False)
         return combine(exposures, stream.depth_unit_m, pictures, left_images)
 
     def burst(self, count: int, after_s: float, silence_s: float, patience_s: float) -> Burst:

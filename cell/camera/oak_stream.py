@@ -28,6 +28,10 @@ LONGEST_EXPOSURE_S = 0.033
 MIN_WAIT_S = 0.001
 """Shortest timeout of a queue."""
 
+SPARE_PICTURES = 8
+"""Intensity images that a queue holds beside those of one capture, so that none is lost before its depth image is
+read."""
+
 DOTS_S = 0.1
 """Time after switching the dot projector until every new exposure has the new light."""
 

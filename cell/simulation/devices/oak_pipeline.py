@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cell.camera.driver import Fault
-from cell.camera.oak_stream import Stream, load, next_message
+from cell.camera.oak_stream import SPARE_PICTURES, Stream, load, next_message
 from cell.config.camera_config import SimulatedCamera
 from cell.devices import CameraInfo
 from cell.errors import CameraLostError, CameraUnreachableError
@@ -88,10 +88,11 @@ class SimulatedImager:
             self._ended = True
             self._change.notify()
 
-    def take(self, pictured: bool) -> ExposureImages | None:
+    def take(self, began_s: float, pictured: bool) -> ExposureImages | None:
         """Render the next images.
 
         Args:
+            began_s: Start of the exposure, seconds of `time.monotonic()`.
             pictured: Whether to render an intensity image too.
 
         Returns:
@@ -101,7 +102,6 @@ class SimulatedImager:
         Raises:
             OSError: The flange pose cannot be read.
         """
-        began_s = time.monotonic()
         T_base_flange = self._pose()
         if self._frames.is_slow and not self._waiting:
             return None
@@ -216,10 +216,12 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
             while self.isRunning() and imager.wait():
                 while not locked and (control := next_message(self.control, 0.0)) is not None:
                     locked = control.getCommand(dai.CameraControl.Command.AE_LOCK)
+                began_s = time.monotonic()
+                # an image passes the gate after its exposure, so a gate opened before it is open for it
                 while (change := next_message(self.gate, 0.0)) is not None:
                     gate_open = change.open
                 exposure_us = exposure_us if locked else min(exposure_us * 2, EXPOSURE_US)
-                taken = imager.take(gate_open)
+                taken = imager.take(began_s, gate_open)
                 if taken is None:
                     continue
                 if taken.picture is not None:
@@ -245,7 +247,7 @@ def open_simulated(settings: SimulatedCamera, world: SimulatedWorld, make_pose: 
     pipeline = dai.Pipeline(False)
     node = pipeline.create(SimulatedOak)
     depth = node.depth.createOutputQueue(maxSize=1, blocking=False)
-    pictures = node.pictures.createOutputQueue(maxSize=settings.exposures, blocking=False)
+    pictures = node.pictures.createOutputQueue(maxSize=settings.exposures + SPARE_PICTURES, blocking=False)
     controls, gate = [node.control.createInputQueue()], node.gate.createInputQueue()
     info = CameraInfo(
         product=f"simulated {model.name}",

@@ -399,8 +399,8 @@ def looking_down(world: SimulatedWorld, azimuth_rad: float = 0.0) -> NDArray[np.
 
 
 @contextmanager
-def driver(world: SimulatedWorld, pose: Any) -> Iterator[OakDriver]:
-    settings = SimulatedCamera(model="exact", fps=50.0)
+def driver(world: SimulatedWorld, pose: Any, exposures: int = 5) -> Iterator[OakDriver]:
+    settings = SimulatedCamera(model="exact", fps=50.0, exposures=exposures)
     result = OakDriver(settings, lambda: open_simulated(settings, world, lambda: pose))
     try:
         yield result
@@ -547,11 +547,11 @@ def test_a_frame_has_the_intensity_image_of_its_exposures(world: SimulatedWorld)
 class Pairs(dai.node.ThreadedHostNode):
     """Send depth and left images whose values contain their number."""
 
-    def __init__(self, has_left: Callable[[int], bool], late_s: float = 0.0) -> None:
+    def __init__(self, has_left: Callable[[int], bool], late_s: float = 0.0, exposure_s: float = 0.004) -> None:
         super().__init__()
         self.images, self.control = self.createOutput(), self.createInput()
         self.pictures, self.gate = self.createOutput(), self.createInput()
-        self.has_left, self.late_s = has_left, late_s
+        self.has_left, self.late_s, self.exposure_s = has_left, late_s, exposure_s
 
     def run(self) -> None:
         number, gate_open = 0, False
@@ -562,9 +562,11 @@ class Pairs(dai.node.ThreadedHostNode):
             except CameraLostError:
                 return
             gate_open = gate_open if change is None else change.open
+            time.sleep(self.exposure_s)
             now_s = time.monotonic()
             left = picture_message((ramp + number).astype(np.uint8), dai.ImgFrame.Type.RAW8)
-            depth = message((4000 + ramp + number).astype(np.uint16), end_s=now_s)
+            exposure_us = round(self.exposure_s * 1e6)
+            depth = message((4000 + ramp + number).astype(np.uint16), exposure_us=exposure_us, end_s=now_s)
             left.setTimestamp(timedelta(seconds=now_s))
             for image in (left, depth):
                 image.setSequenceNum(number)
@@ -580,10 +582,10 @@ class Pairs(dai.node.ThreadedHostNode):
 
 
 @contextmanager
-def pairs(has_left: Callable[[int], bool], late_s: float = 0.0) -> Iterator[Stream]:
+def pairs(has_left: Callable[[int], bool], late_s: float = 0.0, exposure_s: float = 0.004) -> Iterator[Stream]:
     host_only: Any = dai.Pipeline(False)
     with host_only as pipeline:
-        node = pipeline.create(Pairs, has_left, late_s)
+        node = pipeline.create(Pairs, has_left, late_s, exposure_s)
         images = node.images.createOutputQueue(maxSize=1000, blocking=True)
         control, gate = node.control.createInputQueue(), node.gate.createInputQueue()
         pictures = node.pictures.createOutputQueue(maxSize=5, blocking=False)
@@ -598,6 +600,24 @@ def test_left_images_are_matched_with_the_depth_images_by_their_number(late_s: f
     # The median of five successive depth images is the third one, and so is the mean of their left images.
     assert frame.intensity is not None
     assert np.array_equal(frame.intensity, frame.depth - 4000)
+
+
+def test_an_exposure_from_before_the_gate_was_open_is_not_taken() -> None:
+    with pairs(lambda number: True, exposure_s=0.2) as stream:
+        oak = OakDriver(OakCamera(kind="oak", exposures=1), lambda: stream)
+        oak._stream = stream
+        time.sleep(0.3)  # an exposure is under way, and its left image will not be sent
+        assert oak.capture(0.0, 5.0, 10.0).intensity is not None
+
+
+def test_a_left_image_is_kept_until_its_depth_image_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = replace(simulated_world(CellSettings()), camera=camera_model("ideal", (160, 100)))
+    T_base_flange = looking_down(world)
+    with driver(world, lambda: T_base_flange, exposures=1) as oak:
+        oak.open()
+        # Four more images come while a depth image is decoded.
+        monkeypatch.setattr("cell.camera.oak_driver.decode", lambda message: (time.sleep(0.08), decode(message))[1])
+        assert oak.capture(time.monotonic(), 5.0, 10.0).intensity is not None
 
 
 def test_exposures_without_a_left_image_do_not_change_the_intensity_image() -> None:

@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -235,9 +236,9 @@ def test_a_camera_with_rendered_images_renders_only_while_it_is_watched() -> Non
         world = replace(small_world(model=model), camera=camera_model(model, (64, 40)))
         T_base_flange = flange_looking_at(world)
         imager = SimulatedImager(FrameSource(world), lambda pose=T_base_flange: pose, fps=30.0)
-        assert (imager.take(pictured=False) is None) == is_slow
+        assert (imager.take(time.monotonic(), pictured=False) is None) == is_slow
         imager.set_waiting(True)
-        assert imager.take(pictured=False) is not None
+        assert imager.take(time.monotonic(), pictured=False) is not None
 
 
 def test_the_options_of_the_images_reach_the_camera() -> None:
