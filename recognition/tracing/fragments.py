@@ -33,7 +33,16 @@ MIN_NODES = 3
 MIN_RING_NODES = 12
 """Minimum number of nodes of a closed fragment. A smaller ring is too narrow for the thickness of the string."""
 MIN_MEDIAN_RHO = 0.66
-"""Minimum median contribution rate of a fragment. Lines on a flat surface have about 0.5, strings above 0.8."""
+"""Minimum median contribution rate of a fragment. Lines on a flat surface have about 0.5, strings above 0.8.
+
+Matching windows of a stereo camera flatten strings, unevenly along them. Strings then have 0.6 to 0.9.
+"""
+SCENE_RHO = 0.1
+"""Difference by which a long fragment may have a lower median rate than the strings of the scene."""
+MIN_LONG_RHO = 0.6
+"""Minimum median contribution rate of a long fragment."""
+MIN_LONG_NODES = 20
+"""Minimum number of nodes of a long fragment. Lines on a flat surface of `MIN_LONG_RHO` have up to 16."""
 MIN_LENGTH_M = 1e-12
 """Lower limit of the length by which a link is divided, metres. It keeps a link of length zero zero."""
 
@@ -120,13 +129,17 @@ def link_nodes(nodes: CentreLineNodes, parameters: ChainParameters) -> list[Frag
     pairs = np.unique(np.sort(pairs[is_between_two], axis=1), axis=0)
     _add_links(neighbours, representatives, pairs)
 
-    fragments = []
+    paths = []
     for linked, closed in _walk_links(neighbours):
         path = linked if closed else _trim_ends(linked, representatives.support)
-        min_nodes = MIN_RING_NODES if closed else MIN_NODES
-        if len(path) >= min_nodes and np.median(representatives.rho[path]) >= MIN_MEDIAN_RHO:
-            fragments.append(Fragment(representatives.points[path], representatives.support[path], closed))
-    return fragments
+        if len(path) >= (MIN_RING_NODES if closed else MIN_NODES):
+            paths.append((path, closed, float(np.median(representatives.rho[path]))))
+    min_long_rho = _min_long_rho([(len(path), rho) for path, _, rho in paths])
+    return [
+        Fragment(representatives.points[path], representatives.support[path], closed)
+        for path, closed, rho in paths
+        if rho >= (min_long_rho if len(path) >= MIN_LONG_NODES else MIN_MEDIAN_RHO)
+    ]
 
 
 def split_over_bare_table(fragments: Sequence[Fragment], occlusion_map: OcclusionMap, r: float) -> list[Fragment]:
@@ -153,6 +166,20 @@ def split_over_bare_table(fragments: Sequence[Fragment], occlusion_map: Occlusio
             cut[is_long] = occlusion_map.occlusion(midpoints, r).is_uncovered
         parts += fragment.split(np.ones(len(points), dtype=bool), cut)
     return parts
+
+
+def _min_long_rho(paths: Sequence[tuple[int, float]]) -> float:
+    """Return the minimum median contribution rate of a long fragment.
+
+    The rate of the strings of the scene is the median over the nodes of the long paths that reach `MIN_MEDIAN_RHO`.
+
+    Args:
+        paths: Number of nodes and median rate of each path.
+    """
+    of_strings = [[rho] * nodes for nodes, rho in paths if nodes >= MIN_LONG_NODES and rho >= MIN_MEDIAN_RHO]
+    if not of_strings:
+        return MIN_MEDIAN_RHO
+    return float(np.clip(np.median(np.concatenate(of_strings)) - SCENE_RHO, MIN_LONG_RHO, MIN_MEDIAN_RHO))
 
 
 def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:

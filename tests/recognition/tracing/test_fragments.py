@@ -176,6 +176,24 @@ def test_few_nodes_or_nodes_of_no_line_are_dropped() -> None:
     assert link_nodes(along((0, 0, 0), (100, 0, 0), rho=0.55), PARAMETERS) == []
 
 
+@pytest.mark.parametrize(
+    ("length_mm", "rho", "of_strings", "is_kept"),
+    [
+        (300, 0.64, 0.72, True),  # as linear as the strings of the scene, which matching windows flattened
+        (300, 0.58, 0.72, False),
+        (300, 0.64, 0.95, False),  # the strings of this scene are lines, and this is none
+        (100, 0.64, 0.72, False),  # so short a line may lie on a flat surface
+    ],
+)
+def test_a_long_fragment_may_be_less_linear_where_all_strings_are(
+    length_mm: float, rho: float, of_strings: float, is_kept: bool
+) -> None:
+    string = along((0, 0, 0), (400, 0, 0), rho=of_strings)
+    other = along((0, 100, 0), (length_mm, 100, 0), rho=rho)
+    assert len(link_nodes(together(string, other), PARAMETERS)) == 1 + is_kept
+    assert link_nodes(other, PARAMETERS) == []
+
+
 def test_poorly_supported_nodes_are_removed_at_the_ends_and_kept_inside() -> None:
     row = along((0, 0, 0), (100, 0, 0))
     row.support[[0, 1, 5, 10]] = 0.3
