@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recognition.depth_correction.band_axes import across
+from recognition.depth_correction.band_gaps import bridge_gaps
 from recognition.depth_correction.depth_warp import CorrectedView
 from recognition.depth_correction.height_compression import is_wide, raised_depths, with_depths
 from recognition.depth_correction.string_bands import StringBands, find_bands
@@ -85,7 +86,7 @@ def draw_strings(aligned: AlignedView, bands: StringBands) -> CorrectedView:
         bands: Bands of strings in the view.
     """
     depth_m = raised_depths(aligned, _lost_heights(aligned, bands) - bands.local_table)
-    tubes_m = _tube_depths(aligned, bands)
+    tubes_m = _tube_depths(aligned, bridge_gaps(bands))
     # what is nearer than the tube by its radius is another object
     is_tube = np.isfinite(tubes_m) & (aligned.view.depth > 0) & (tubes_m - depth_m < aligned.parameters.r)
     depth_m[is_tube] = tubes_m[is_tube]

@@ -182,7 +182,8 @@ def find_bands(aligned: AlignedView) -> StringBands | None:
     mask = smooth > max(MIN_HEIGHT_RADII * r, MIN_HEIGHT_SCATTERS * patch_m)
     top = ndimage.maximum_filter(smooth, 2 * round(r_px) + 1)
     half_width = np.asarray(ndimage.distance_transform_edt(mask & (smooth > HALF_HEIGHT * top)), dtype=np.float32)
-    v, u = np.nonzero((half_width > 1) & (half_width >= ndimage.maximum_filter(half_width, 3)))
+    is_middle = half_width >= ndimage.maximum_filter(half_width, 3)
+    v, u = np.nonzero(is_middle & (half_width > max(1.0, PIXEL_EDGE_PX + WIDTH_RADII[0] * r_px)))
     if not MIN_MIDDLES <= len(v) <= MAX_MIDDLES:
         return None
     middles = np.column_stack([u, v]).astype(np.float64)
