@@ -123,7 +123,6 @@ def observe(
         support=SupportSurface(
             scene.table_z_m,
             merge_heights(ingested, registration),
-            ingested.compression,
             is_matched=ingested.is_matched,
             scatter_m=median_patch_m(target.scatter for target in ingested.targets) or 0.0,
         ),

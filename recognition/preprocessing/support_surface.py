@@ -40,8 +40,6 @@ class SupportSurface:
     """Height of the table plane, metres, base frame."""
     heights: HeightMap | None = None
     """Height map of the workspace; None if only the table plane is known."""
-    compression: float = 1.0
-    """Compression of heights by matching windows that was restored; 1 if there was none."""
     is_matched: bool = False
     """Whether pixel locking or the bands of strings show that the depth was matched in windows."""
     scatter_m: float = 0.0
