@@ -31,6 +31,9 @@ Two whole strings that lie end to end have a larger gap because their ends are r
 """
 MAX_AHEAD_RADII = 3.0
 """Distance ahead of an end, in radii, within which the views must see free space. Mixed pixels surround an end."""
+MAX_LOW_PART_RADII = 9.0
+"""Maximum length of a part of a string that a single viewpoint shows as low as the table, in radii. Matching windows
+lower parts of this length."""
 END_PART_RADII = 5.0
 """Length of the part of a chain that a finding on its end concerns, in radii."""
 WHICH: tuple[Which, Which] = ("first", "last")
@@ -196,6 +199,38 @@ def mark_ends_without_free_space(
     return with_ends(chains, kinds)
 
 
+def mark_ends_of_low_parts(
+    chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
+) -> tuple[Chain, ...]:
+    """Mark a `free` end as `unobserved` if its string may go on beyond a part that is measured as low as the table.
+
+    It may if unexplained surface lies ahead of the end, or another end that does not point away, within
+    `MAX_LOW_PART_RADII`. Directions are compared from above, because the heights of a single viewpoint are uneven.
+    Several viewpoints average them.
+
+    Args:
+        chains: Chains of a model of a single viewpoint.
+        unexplained: (M, 3) points of each piece of unexplained surface, metres, base frame.
+        parameters: Method parameters; uses the radius r. A chain thicker than r uses its own radius.
+    """
+    ends = open_ends(chains)
+    radii = np.array([max(end.chain.radius_m, parameters.r) for end in ends])
+    points = np.array([end.point[:2] for end in ends]).reshape(-1, 2)
+    directions = [end_direction(end.line, DIRECTION_LENGTH_RADII * r) for end, r in zip(ends, radii, strict=True)]
+    outward = unit_vectors(np.array(directions).reshape(-1, 3)[:, :2])
+    rest = np.vstack([np.empty((0, 3)), *unexplained])[:, :2]
+    offset = points[None] - points[:, None]
+    is_ahead = np.einsum("nmk,nk->nm", offset, outward) > 0
+    is_near = np.linalg.norm(offset, axis=2) < MAX_LOW_PART_RADII * np.minimum(radii, radii[:, None])
+    is_facing = is_ahead & is_ahead.T & is_near
+    kinds = [list(chain.ends) for chain in chains]
+    for n, end in enumerate(ends):
+        goes_on = is_facing[n].any() or _is_ahead(rest - points[n], outward[n], MAX_LOW_PART_RADII * radii[n]).any()
+        if goes_on and end.chain.ends[end.at] == "free":
+            kinds[end.number][end.at] = "unobserved"
+    return with_ends(chains, kinds)
+
+
 def unobserved_end_findings(chains: Sequence[Chain], scene: Scene, parameters: ChainParameters) -> list[Finding]:
     """Return a finding on each `unobserved` end: a note at the border of the workspace, otherwise a doubt.
 
@@ -236,7 +271,11 @@ def _end_finding(
 
 def _continues(line: NDArray[np.float64], rest: NDArray[np.float64], r: float) -> bool:
     """Return whether a point of `rest` (M, 3) lies near and ahead of the first point of `line` (N, 3)."""
-    offset = rest - line[0]
+    outward = end_direction(line, DIRECTION_LENGTH_RADII * r)
+    return bool(_is_ahead(rest - line[0], outward, MAX_CONTINUATION_RADII * r).any())
+
+
+def _is_ahead(offset: NDArray[np.float64], outward: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+    """Return which offsets (M, D) from an end lie ahead of it, within `reach_m`. `outward` (D,) is its direction."""
     distance = np.linalg.norm(offset, axis=1)
-    ahead = offset @ end_direction(line, DIRECTION_LENGTH_RADII * r) > MIN_AHEAD_COSINE * distance
-    return bool((ahead & (distance < MAX_CONTINUATION_RADII * r)).any())
+    return (offset @ outward > MIN_AHEAD_COSINE * distance) & (distance < reach_m)

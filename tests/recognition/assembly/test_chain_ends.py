@@ -13,6 +13,7 @@ from recognition.assembly.chain_ends import (
     END_PART_RADII,
     MAX_FACING_GAP_RADII,
     mark_ends_at_unexplained_surface,
+    mark_ends_of_low_parts,
     mark_ends_without_free_space,
     mark_touching_ends,
     unobserved_end_findings,
@@ -169,6 +170,34 @@ def test_an_end_is_unobserved_where_no_depth_was_measured_ahead_of_it(table_1: C
         column, row = (ahead @ view.image.K.T)[:2] / ahead[2]
         view.image.depth[np.hypot(rows - row, columns - column) < 30] = 0  # 30 pixels are about 18 mm
     assert mark_ends_without_free_space([ALONG_X], views, table_1)[0].ends == ("free", "unobserved")
+
+
+@pytest.mark.parametrize(
+    ("start_mm", "end_mm", "is_seen_to_end"),
+    [
+        ((130, 0), (200, 0), False),  # 30 mm on, in line
+        ((125, 20), (125, 90), False),  # round a bend
+        ((145, 0), (200, 0), True),  # farther than 9 r
+        ((95, 20), (95, 90), True),  # behind the end
+        ((125, 90), (125, 20), False),  # the last end of the other chain
+        ((130, -40), (130, 40), True),  # the side of another string
+    ],
+)
+def test_an_end_that_another_faces_is_unobserved_in_a_single_view(
+    start_mm: tuple[float, float], end_mm: tuple[float, float], is_seen_to_end: bool, table_1: ChainParameters
+) -> None:
+    other = chain(line(start_mm, end_mm))
+    (found, facing) = mark_ends_of_low_parts([ALONG_X, other], [], table_1)
+    assert found.ends == ("free", "free" if is_seen_to_end else "unobserved")
+    assert ("unobserved" in facing.ends) == (not is_seen_to_end)
+
+
+def test_surface_beyond_a_low_part_leaves_an_end_unobserved(table_1: ChainParameters) -> None:
+    (found,) = mark_ends_of_low_parts([ALONG_X], [line((130, 0), (140, 0))], table_1)
+    assert found.ends == ("free", "unobserved")
+    for elsewhere in (line((150, 0), (160, 0)), line((110, 20), (110, 30))):
+        assert mark_ends_of_low_parts([ALONG_X], [elsewhere], table_1) == (ALONG_X,)
+    assert mark_ends_of_low_parts([], [AHEAD], table_1) == ()
 
 
 def test_no_chains_and_closed_chains_have_no_touching_ends() -> None:
