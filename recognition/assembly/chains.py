@@ -161,15 +161,14 @@ def _shape_findings(
     is_square = squareness > MAX_SQUARENESS
     if is_square or (support.is_matched and may_be_matched_bar(strand)):
         centre = chain.points.mean(axis=0)
-        message = (
-            f"chain {chain.id} at {format_position(centre)} may be a bar with edges instead of a string: the measured "
-            "surface does not show whether it is round"
-        )
+        reason = "the measured surface does not show whether it is round"
+        if not is_square:
+            reason = "it is as straight as a bar, and depth that was matched in windows does not show edges"
+        message = f"chain {chain.id} at {format_position(centre)} may be a bar with edges instead of a string: {reason}"
         # Without a measurement, the squareness is unlimited. JSON has no infinity.
         value = squareness if is_square and np.isfinite(squareness) else None
-        findings.append(
-            finding("possible-bar", message, chains=(chain.id,), point=centre, value=value, limit=MAX_SQUARENESS)
-        )
+        limit = MAX_SQUARENESS if is_square else None
+        findings.append(finding("possible-bar", message, chains=(chain.id,), point=centre, value=value, limit=limit))
     height = support.height_under(chain.points, chain.radius_m)
     gap = float(np.percentile(chain.points[:, 2], RESTING_PERCENTILE)) - height - chain.radius_m
     max_gap = MAX_TABLE_GAP_RADII * chain.radius_m

@@ -165,10 +165,11 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "possible-bar": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The measured surface does not show whether the object is round. It may be a bar with edges.",
-        action="Ask a person what lies there, or scan again from more views.",
+        meaning="The surface does not show whether the object is round: it may be a bar. Stereo depth never shows "
+        "it of straight ones.",
+        action="Ask a person what lies there. In other depth, more views may show it.",
         decision="ask a person",
-        value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges",
+        value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges; absent for a straight chain",
     ),
     "possible-rod": FindingType(
         severity="doubt",
