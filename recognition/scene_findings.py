@@ -18,6 +18,7 @@ from recognition.assembly.view_findings import (
     view_findings,
     warp_findings,
 )
+from recognition.ingestion.seen_cells import viewpoint_numbers
 from recognition.methods import FoundChains
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
@@ -78,11 +79,16 @@ def findings_without_string(surface: Surface, request: RecognitionRequest) -> Se
 
 
 def _missed_strings(pieces: Sequence[NDArray[np.float64]], found: FoundChains, surface: Surface) -> Sequence[Finding]:
-    """Return the doubts about surface that may be a missed string. Methods without a tube fit miss much of it."""
+    """Return the doubts about surface that may be a missed string. Methods without a tube fit miss much of it.
+
+    Surface along an excluded strand is no string, unless it is seen from one viewpoint, where strings may not be round.
+    """
     refinement = found.stages.refinement
     if refinement is None:
         return ()
     lines = [strand.points for strand in refinement.strands]
+    if max(viewpoint_numbers(surface.clouds), default=1) == 0:
+        lines = [chain.points for chain in found.chains]
     # thicker strings that were excluded are no strands of the first fit
     doubted = [np.array(each.point_m) for each in found.findings if each.code == "possible-string"]
     return missed_string_findings(pieces, lines, doubted, surface.parameters, surface.scene.table_z_m)
