@@ -73,7 +73,7 @@ def quality_found(measured: DepthProfile, expected: Sequence[DepthProfile], fart
 def _warning(one: Compared) -> str:
     """Return what is wrong with a quantity and, after a colon, what to do."""
     quantity = one.quantity
-    return f"{quantity.name} is above {format_quantity(quantity.field, one.limit)}: {quantity.advice}"
+    return f"{quantity.name} above {format_quantity(quantity.field, one.limit)}: {quantity.advice}"
 
 
 def _seen(burst: Burst, K: NDArray[np.float64], pose: TablePose) -> SeenTable:

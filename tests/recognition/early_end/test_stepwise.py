@@ -91,7 +91,8 @@ def test_views_that_cannot_be_recognised_yet_are_a_doubt() -> None:
         yield from (watcher._scan.views[k] for k in (3, 5, 7, 2))
 
     model = recognise_after_each_view(views(), watcher.recognise_some, watcher.checks.append).model
-    assert [check.doubts[0] for check in watcher.checks[:3]] == [
+    # with one view, an end may be unobserved as well
+    assert [check.doubts[-1] for check in watcher.checks[:3]] == [
         "only 1 view can be used",
         "only 2 views can be used",
         "only 3 views can be used",
