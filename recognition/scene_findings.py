@@ -18,7 +18,7 @@ from recognition.assembly.view_findings import (
     view_findings,
     warp_findings,
 )
-from recognition.ingestion.seen_cells import viewpoint_numbers
+from recognition.ingestion.seen_cells import is_single_viewpoint
 from recognition.methods import FoundChains
 from recognition.model.chains import Chain
 from recognition.model.findings import Finding, finding
@@ -87,7 +87,7 @@ def _missed_strings(pieces: Sequence[NDArray[np.float64]], found: FoundChains, s
     if refinement is None:
         return ()
     lines = [strand.points for strand in refinement.strands]
-    if max(viewpoint_numbers(surface.clouds), default=1) == 0:
+    if is_single_viewpoint(surface.clouds):
         lines = [chain.points for chain in found.chains]
     # thicker strings that were excluded are no strands of the first fit
     doubted = [np.array(each.point_m) for each in found.findings if each.code == "possible-string"]

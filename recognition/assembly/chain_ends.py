@@ -199,7 +199,7 @@ def mark_ends_without_free_space(
     return with_ends(chains, kinds)
 
 
-def mark_ends_of_low_parts(
+def mark_ends_before_low_parts(
     chains: Sequence[Chain], unexplained: Sequence[NDArray[np.float64]], parameters: ChainParameters
 ) -> tuple[Chain, ...]:
     """Mark a `free` end as `unobserved` if its string may go on beyond a part that is measured as low as the table.

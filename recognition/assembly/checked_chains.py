@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from recognition.assembly.branches import mark_branches
 from recognition.assembly.chain_ends import (
     mark_ends_at_unexplained_surface,
-    mark_ends_of_low_parts,
+    mark_ends_before_low_parts,
     mark_ends_without_free_space,
     mark_touching_ends,
 )
 from recognition.assembly.unexplained import find_unexplained_surface
-from recognition.ingestion.seen_cells import viewpoint_numbers
+from recognition.ingestion.seen_cells import is_single_viewpoint
 from recognition.model.chains import Chain, Crossing
 from recognition.model.findings import Finding
 from recognition.surface import Surface
@@ -51,6 +51,6 @@ def check_chains(chains: Sequence[Chain], crossings: tuple[Crossing, ...], surfa
     chains, touching = mark_touching_ends(chains, surface.clouds)
     chains, branches = mark_branches(chains, surface.clouds)
     chains = mark_ends_without_free_space(chains, surface.clouds, parameters)
-    if max(viewpoint_numbers(surface.clouds), default=1) == 0:
-        chains = mark_ends_of_low_parts(chains, unexplained, parameters)
+    if is_single_viewpoint(surface.clouds):
+        chains = mark_ends_before_low_parts(chains, unexplained, parameters)
     return CheckedChains(chains, crossings, [*touching, *branches], points, unexplained)

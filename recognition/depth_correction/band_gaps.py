@@ -1,4 +1,4 @@
-"""Gaps between the axes of bands in an image, in which a string may go on although it is measured too low.
+"""Gaps between the axes of bands in an image, in which a string goes on although it is measured too low.
 
 Matching windows lower short parts of a string almost to the table, and change its width beside crossings. Neither part
 has an axis of its own.

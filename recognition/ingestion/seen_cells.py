@@ -107,6 +107,11 @@ def viewpoint_numbers(views: Sequence[TargetCloud | NormalCloud]) -> list[int]:
     return numbers
 
 
+def is_single_viewpoint(views: Sequence[TargetCloud | NormalCloud]) -> bool:
+    """Return whether there are views, and all of them are from nearly the same position."""
+    return set(viewpoint_numbers(views)) == {0}
+
+
 def _pixels_per_metre(view: TargetCloud | NormalCloud, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the pixels (N,) that a metre across the line of sight covers at points (N, 3); 0 behind the camera."""
     assert view.image is not None

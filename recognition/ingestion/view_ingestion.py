@@ -16,7 +16,7 @@ from recognition.depth_correction.height_compression import (
     restore_heights,
 )
 from recognition.errors import TableElsewhereError, TooCrowdedError
-from recognition.ingestion.seen_cells import viewpoint_numbers
+from recognition.ingestion.seen_cells import is_single_viewpoint
 from recognition.ingestion.table_and_warp import TableAndWarp
 from recognition.model.quality import ViewQuality
 from recognition.parameters import ChainParameters
@@ -135,7 +135,7 @@ class _Ingestion:
         """Use what few views show, because no view follows. Raises TableElsewhereError if their table is doubtful."""
         if self.measured.finish():
             self.preprocess_again()
-        if self.drawn is None and max(viewpoint_numbers(self.targets), default=1) == 0:
+        if self.drawn is None and is_single_viewpoint(self.targets):
             self.drawn = draw_into_views(self.aligned, is_matched=self.measured.locking is not None)
             if self.drawn is not None:
                 self.compression = self.drawn.compression

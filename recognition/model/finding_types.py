@@ -165,11 +165,11 @@ FINDING_TYPES: Mapping[FindingCode, FindingType] = {
     "possible-bar": FindingType(
         severity="doubt",
         scope="chain",
-        meaning="The surface does not show whether the object is round: it may be a bar. Stereo depth never shows "
-        "it of straight ones.",
-        action="Ask a person what lies there. In other depth, more views may show it.",
+        meaning="It may be a bar: the surface does not show that it is round. In stereo depth, each straight chain has "
+        "this doubt.",
+        action="Ask a person what lies there. If the chain is not straight, scan again from more views.",
         decision="ask a person",
-        value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges; absent for a straight chain",
+        value="upper bound of the squareness: 0 for a tube, 1 for a bar with sharp edges; absent if only straight",
     ),
     "possible-rod": FindingType(
         severity="doubt",

@@ -38,11 +38,11 @@ MIN_MEDIAN_RHO = 0.66
 Matching windows of a stereo camera flatten strings, unevenly along them. Strings then have 0.6 to 0.9.
 """
 SCENE_RHO = 0.1
-"""Difference by which a long fragment may have a lower median rate than the strings of the scene."""
+"""Amount by which the median rate of a long fragment may be below that of the strings of the scene."""
 MIN_LONG_RHO = 0.6
 """Minimum median contribution rate of a long fragment."""
 MIN_LONG_NODES = 20
-"""Minimum number of nodes of a long fragment. Lines on a flat surface of `MIN_LONG_RHO` have up to 16."""
+"""Minimum number of nodes of a long fragment. Most lines on a flat surface are shorter."""
 MIN_LENGTH_M = 1e-12
 """Lower limit of the length by which a link is divided, metres. It keeps a link of length zero zero."""
 
@@ -176,10 +176,12 @@ def _min_long_rho(paths: Sequence[tuple[int, float]]) -> float:
     Args:
         paths: Number of nodes and median rate of each path.
     """
-    of_strings = [[rho] * nodes for nodes, rho in paths if nodes >= MIN_LONG_NODES and rho >= MIN_MEDIAN_RHO]
-    if not of_strings:
+    long = [(nodes, rho) for nodes, rho in paths if nodes >= MIN_LONG_NODES and rho >= MIN_MEDIAN_RHO]
+    if not long:
         return MIN_MEDIAN_RHO
-    return float(np.clip(np.median(np.concatenate(of_strings)) - SCENE_RHO, MIN_LONG_RHO, MIN_MEDIAN_RHO))
+    nodes, rho = np.transpose(long)
+    of_strings = float(np.median(np.repeat(rho, nodes.astype(np.intp))))
+    return float(np.clip(of_strings - SCENE_RHO, MIN_LONG_RHO, MIN_MEDIAN_RHO))
 
 
 def _find_representatives(nodes: CentreLineNodes, r: float) -> NDArray[np.int64]:

@@ -12,8 +12,8 @@ def add_camera_profile_command(commands: Commands) -> None:
         "camera-profile",
         help="make a simulated camera with the errors of the camera of a recording",
         description="Measure noise, pixel locking, correlation length, warp and holes on the table of a recording, and "
-        "write a camera file for --camera of the command simulate and `camera.profile`. What the recording does not "
-        "show is printed, and keeps the value of the most similar simulated camera.",
+        "write a camera file for `camera.profile` and for simulate with --camera. What the recording does not show "
+        "is printed, and keeps the value of the most similar simulated camera.",
     )
     profile.add_argument("recording", type=Path, metavar="SCAN.mcap", help="recording of a table")
     profile.add_argument("out", type=Path, metavar="CAMERA.json", help="camera file to write; it must not exist")

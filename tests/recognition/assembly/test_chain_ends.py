@@ -13,7 +13,7 @@ from recognition.assembly.chain_ends import (
     END_PART_RADII,
     MAX_FACING_GAP_RADII,
     mark_ends_at_unexplained_surface,
-    mark_ends_of_low_parts,
+    mark_ends_before_low_parts,
     mark_ends_without_free_space,
     mark_touching_ends,
     unobserved_end_findings,
@@ -187,17 +187,17 @@ def test_an_end_that_another_faces_is_unobserved_in_a_single_view(
     start_mm: tuple[float, float], end_mm: tuple[float, float], is_seen_to_end: bool, table_1: ChainParameters
 ) -> None:
     other = chain(line(start_mm, end_mm))
-    (found, facing) = mark_ends_of_low_parts([ALONG_X, other], [], table_1)
+    (found, facing) = mark_ends_before_low_parts([ALONG_X, other], [], table_1)
     assert found.ends == ("free", "free" if is_seen_to_end else "unobserved")
     assert ("unobserved" in facing.ends) == (not is_seen_to_end)
 
 
 def test_surface_beyond_a_low_part_leaves_an_end_unobserved(table_1: ChainParameters) -> None:
-    (found,) = mark_ends_of_low_parts([ALONG_X], [line((130, 0), (140, 0))], table_1)
+    (found,) = mark_ends_before_low_parts([ALONG_X], [line((130, 0), (140, 0))], table_1)
     assert found.ends == ("free", "unobserved")
     for elsewhere in (line((150, 0), (160, 0)), line((110, 20), (110, 30))):
-        assert mark_ends_of_low_parts([ALONG_X], [elsewhere], table_1) == (ALONG_X,)
-    assert mark_ends_of_low_parts([], [AHEAD], table_1) == ()
+        assert mark_ends_before_low_parts([ALONG_X], [elsewhere], table_1) == (ALONG_X,)
+    assert mark_ends_before_low_parts([], [AHEAD], table_1) == ()
 
 
 def test_no_chains_and_closed_chains_have_no_touching_ends() -> None:

@@ -41,11 +41,11 @@ def test_a_low_part_of_a_string_is_bridged(length_radii: float) -> None:
     assert largest_hole_px(bridged.axis) < R_PX
     number = len(bridged.axis) - len(bands.axis)
     for values in (bridged.tangent, bridged.curvature, bridged.across_rise, bridged.axis_tops_m, bridged.axis_slopes):
-        assert len(values) == len(bands.axis) + number
+        assert len(values) == len(bridged.axis)
     added = bridged.axis[-number:]
     whole = bands_of(in_windows(string_heights())).axis
     nearest = np.abs(added[:, None, 0] - whole[None, :, 0]).argmin(axis=1)
-    # the axis of the whole string, which is nearly straight here
+    # the axes at the ends of the gap are off by up to 1.2 pixels, as those of whole strings
     assert np.abs(added[:, 1] - whole[nearest, 1]).max() < 0.35 * R_PX
     assert bridged.axis_tops_m[-number:] == pytest.approx(bands.compression * 2 * R)
 
